@@ -39,6 +39,7 @@ from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_diction
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.model_search import most_probable, settled
 from tiltcal.diagnosis.search.names import named, without_misfits
+from tiltcal.diagnosis.search.narrow_bands import narrow_bands
 from tiltcal.diagnosis.search.random_settings import beside_random_settings, is_lawful
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
@@ -224,6 +225,7 @@ def _explained(
         tuple(names[k] for k in held),
         tuple(chances[k] for k in held),
         slow_variations(left, CLAIM, floors),
+        () if held or doubts else narrow_bands(left, left.residual(fitted.effects), CLAIM, floors),
         doubts,
     )
 

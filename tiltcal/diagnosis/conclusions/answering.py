@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.conclusions.band_finding import band_findings
 from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, undetectable_of
 from tiltcal.diagnosis.conclusions.fault_findings import finding_of
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Fitness, verdict_of
@@ -79,7 +80,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     order = sorted(range(len(found)), key=lambda k: found[k].delta_bic)
     slow = (slow_finding(s) for s in said.slow)
     lawful = (replace(found[k], laws=laws[k]) for k in order)
-    findings = (*(finding_of(f) for f in faults), *lawful, *slow)
+    findings = (*(finding_of(f) for f in faults), *lawful, *slow, *band_findings(said.bands))
     numbers = {place: len(faults) + rank for rank, k in enumerate(order, 1) for place in groups[k]}
     verdict = verdict_of(findings, tested := last.chi2_per_dof is not None, bool(said.doubts))
     source = "the recording itself" if gate.static is None else "the static record"

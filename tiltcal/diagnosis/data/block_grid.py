@@ -7,9 +7,24 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Real
 from tiltcal.core.units import DEG
+from tiltcal.statistics.cosine_transform import quick_length
 
 TURN = 20 * DEG  # between instants while a table turns
 SPREAD = 0.5  # of the time since a table came to rest: between the next instants
+
+
+def samples_taken(samples: int, block: int) -> int:
+    """How many of some samples stand in a number of blocks whose transform is quick."""
+    return min(quick_length(-(-samples // block)) * block, samples)
+
+
+def block_means(values: Array, block: int) -> Array:
+    """Means of blocks of so many values, of those that are taken, (n,) -> (n / block,)."""
+    if block == 1:
+        return values
+    values = values[: samples_taken(len(values), block)]
+    starts = np.arange(0, len(values), block)
+    return np.asarray(np.add.reduceat(values, starts) / np.diff(starts, append=len(values)))
 
 
 @dataclass(frozen=True)

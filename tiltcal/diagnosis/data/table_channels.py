@@ -7,7 +7,12 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.diagnosis.data.block_grid import BlockGrid, Sampling
+from tiltcal.diagnosis.data.block_grid import (
+    BlockGrid,
+    Sampling,
+    block_means,
+    samples_taken,
+)
 from tiltcal.diagnosis.data.curve_columns import CurveColumns
 from tiltcal.diagnosis.data.curve_factors import CurveFactors
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
@@ -86,7 +91,7 @@ class TableObservations(Observations):
                     there = np.flatnonzero(
                         ~np.isnan(samples.values[:, k]) & course.known[samples.rows]
                     )
-                    there = there[: self._taken(quick_length(len(there)))]
+                    there = there[: samples_taken(quick_length(len(there)), self.block)]
                     rows = samples.rows[there]
                     if len(rows) <= 8 * self.block:
                         continue
@@ -117,17 +122,9 @@ class TableObservations(Observations):
         courses, samplings = self.courses, self._samplings
         return tuple(with_spread(self.channels, courses, watches, samplings, self.block))
 
-    def _taken(self, samples: int) -> int:
-        """How many samples stand in a number of blocks whose transform is quick."""
-        return min(quick_length(-(-samples // self.block)) * self.block, samples)
-
     def _mean(self, values: Array) -> Array:
         """Means of blocks, (n,) -> (n / block,)."""
-        if self.block == 1:
-            return values
-        values = values[: self._taken(len(values))]
-        starts = np.arange(0, len(values), self.block)
-        return np.asarray(np.add.reduceat(values, starts) / np.diff(starts, append=len(values)))
+        return block_means(values, self.block)
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
         """What each channel should have read. SI, (n,) each.

@@ -11,9 +11,9 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
 from tiltcal.diagnosis.model.column_block import Waves
+from tiltcal.diagnosis.model.gram_inverse import column_lengths, pseudo_inverse
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.statistics.projection import DISTINCT
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,8 @@ class NormalEquations:
     def _inverse(self, chosen: Sequence[int]) -> Array:
         index = list(chosen)
         part = self.gram[np.ix_(index, index)]
-        size = np.sqrt(np.diag(part))
-        size = np.where(size > 0, size, np.inf)
-        values, vectors = np.linalg.eigh(part / np.outer(size, size))
-        keep = values > DISTINCT * max(len(values), 1)
-        return np.asarray(
-            (vectors[:, keep] / values[keep]) @ vectors[:, keep].T / np.outer(size, size)
-        )
+        size = column_lengths(part)
+        return pseudo_inverse(part / np.outer(size, size))[0] / np.outer(size, size)
 
 
 def normal_equations(

@@ -7,6 +7,7 @@ from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.name_probabilities import Names
+from tiltcal.diagnosis.search.narrow_bands import NarrowBand
 from tiltcal.diagnosis.search.slow_variation import SlowVariation
 from tiltcal.diagnosis.search.state import Doubt
 
@@ -21,6 +22,7 @@ class Explained:
         gate: says where the noise comes from.
         names: what each finding may be; probability: that each is there.
         slow: variation that is too large to be noise.
+        bands: of frequency that hold more than noise, where nothing else was found.
         doubts: causes that the noise may be instead.
     """
 
@@ -31,4 +33,5 @@ class Explained:
     names: tuple[Names, ...]
     probability: tuple[float, ...]
     slow: tuple[SlowVariation, ...]
+    bands: tuple[NarrowBand, ...] = ()
     doubts: tuple[Doubt, ...] = ()

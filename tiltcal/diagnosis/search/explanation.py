@@ -28,6 +28,10 @@ from tiltcal.diagnosis.search.local_level import local_level
 from tiltcal.effects.parameter import Parameter
 
 HALF = 0.5
+TOLD = 0.01
+"""Nats that a further size of a law has to add. One that hardly shows at plausible sizes, such as
+the sine of a tone at half the sampling rate, adds next to nothing at any value.
+"""
 
 
 @dataclass(frozen=True)
@@ -173,7 +177,7 @@ class _Build:
     def add_sizes(self) -> None:
         """Those sizes of the law that have evidence, and the strongest."""
         while (each := np.where(self._law, self._factors(), -np.inf)).max(initial=-np.inf) > (
-            0.0 if self.used else -np.inf
+            TOLD if self.used else -np.inf
         ):
             self._take(int(np.argmax(each)), float(each.max()))
         self._rest_of_sizes()

@@ -20,6 +20,16 @@ COARSE = 3000.0
 posterior: Miller and Dunson, J. Am. Stat. Assoc. 114, 2019).
 """
 
+TAKEN, TWICE, LISTED_TWICE = 0.16, 0.5, 0.04
+"""Share of the laws that no list has and that a name is taken for; of these laws, and of listed
+ones, the share whose name stands in the model more than once. ``docs/diagnosis_model.md`` says how
+they were learnt.
+"""
+AGAIN = float(np.log(priors.UNLISTED / (1 - priors.UNLISTED) * TAKEN * TWICE / LISTED_TWICE))
+"""Log odds of a law that no list has, of which a name explains a share and the same name the rest,
+to laws of that name.
+"""
+
 
 @dataclass(frozen=True)
 class Names:

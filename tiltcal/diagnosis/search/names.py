@@ -22,6 +22,7 @@ from tiltcal.diagnosis.search.explanation import evidence_in_place, explain, pos
 from tiltcal.diagnosis.search.local_level import local_level
 from tiltcal.diagnosis.search.model_search import proposals
 from tiltcal.diagnosis.search.name_probabilities import (
+    AGAIN,
     UNLISTED,
     Names,
     Row,
@@ -125,14 +126,30 @@ def _misfits(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
             yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
 
 
-def _imitated(rows: Sequence[Row], columns: int) -> Iterator[Row]:
-    """What is listed in a cause's place, as what explains a share of a law that no list has, and
-    leaves the rest where nothing finds it.
+def _imitated(rows: Sequence[Row], columns: int, again: bool) -> Iterator[Row]:
+    """What is listed in a cause's place, as what explains a share of a law that no list has. It
+    leaves the rest where nothing finds it, or the same name takes that up again.
+
+    Args:
+        rows: in the cause's place, its own first.
+        columns: directions in which the rest would be looked for.
+        again: whether the cause's name is in the model again.
     """
-    for row in rows:
+    for k, row in enumerate(rows):
         if row.name != UNLISTED:
-            odds = imitation_odds(2 * max(row.gain, row.evidence, 0.0), columns)
+            found = again and k == 0
+            odds = AGAIN if found else imitation_odds(2 * max(row.gain, row.evidence, 0), columns)
             yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
+
+
+def _is_again(state: State, k: int) -> bool:
+    """Whether a listed cause has its form at several shapes, or its name is another cause in the
+    same place as well.
+    """
+    every = laws(state.fitted)
+    law, terms = every[k], _terms(state, k)
+    others = [t.hypothesis for t in terms[1:]] + [other for other in every if other is not law]
+    return law.listed and any(h.listed and h.place == law.place for h in others)
 
 
 def _rows(state: State, k: int, scan: Scan) -> list[Row]:
@@ -158,7 +175,8 @@ def _rows(state: State, k: int, scan: Scan) -> list[Row]:
             rows.append(Row(name, float(factor + odds), float(factor), 0.0))
     rows = list(_fitted(state, k, rows))
     rows += _of_other_source(rows, law)
-    return [*rows, *_misfits(state, k, rows), *_imitated(rows, whitened.columns.width)]
+    imitated = _imitated(rows, whitened.columns.width, _is_again(state, k))
+    return [*rows, *_misfits(state, k, rows), *imitated]
 
 
 def _of_other_source(rows: Sequence[Row], law: Hypothesis) -> Iterator[Row]:

@@ -16,16 +16,16 @@ from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.limited_residual import limited, noise_about
 from tiltcal.effects.curve_bases import transients_at
 from tiltcal.effects.learned import LearnedReading
+from tiltcal.statistics.cosine_transform import cosines, inverse_cosines
 
 FALLS = (1.5, 4.5, 13.5, 40.0)  # s
 RISES = (1 / 3, 2.0)  # falls: a knock, and what passes by
 END = 3.0  # falls, after which a transient is gone
 SHORTEST = 2.0  # samples of a rise
 LONGEST = 0.2  # of a recording that a transient may last
-FAR = 4.0  # sigma: a reading that is farther off counts as that
-AROUND = 64  # samples at least that tell the noise about an instant
 MOST = 16  # transients of a reading
 SIZE = 2.0  # nats that the size of each costs, about
 
@@ -98,21 +98,17 @@ def _powers(residual: Array, root: Array, time: Array, course: Course) -> Array:
         root: the noise, (n,).
         time: s, (n,); course: of the transient.
     """
-    from scipy.fft import dct, idct
-    from scipy.ndimage import uniform_filter1d
     from scipy.signal import fftconvolve
 
     values, peak = course.sampled(float(np.median(np.diff(time))))
     middle = np.zeros(len(time))
     start = (len(time) - len(values)) // 2
     middle[start : start + len(values)] = values
-    energy = float(np.sum((dct(middle, norm="ortho") / root) ** 2))
-    left = np.clip(idct(residual, norm="ortho"), -FAR, FAR)
-    again = idct(dct(left, norm="ortho") / root, norm="ortho")
+    energy = float(np.sum((cosines(middle) / root) ** 2))
+    left = limited(residual)
+    again = inverse_cosines(cosines(left) / root)
     along = fftconvolve(again, values[::-1], mode="full")[len(values) - 1 - peak :][: len(time)]
-    white = np.diff(left, 2) ** 2 / 6
-    near = uniform_filter1d(np.pad(white, 1, mode="edge"), max(len(values), AROUND))
-    return np.asarray(along**2 / energy / np.maximum(near, 1.0))
+    return np.asarray(along**2 / energy / noise_about(left, len(values)))
 
 
 def _chosen(power: Array, time: Array, course: Course) -> tuple[Index, float, float]:

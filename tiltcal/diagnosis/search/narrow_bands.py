@@ -1,0 +1,121 @@
+"""Bands of frequency that hold more power than the noise on both sides of them: an oscillation that
+keeps no phase, such as a servo that hunts now and then or a tone whose frequency moves.
+
+The power of a band beside that of its neighbours is F distributed in white noise of any level;
+where something is in it, it is so much larger (excess power: Anderson et al., Phys. Rev. D 63,
+042003, 2001). The residual is taken behind a limiter and in units of the noise about each row, so
+that gross values and bursts of noise, which correlate neighbouring powers, hold no band.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.limited_residual import limited, noise_about
+from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED
+from tiltcal.statistics.cosine_transform import cosines
+
+NARROWEST = 16  # cosine coefficients: fewer are a tone
+WIDEST = 1 / 16  # of all
+WHITE = 1.1  # the noise by its least variance, where it counts as white
+AROUND = 256  # rows that tell the noise about one
+EXCESS = 10.0 ** np.arange(-2, 2.5, 0.5)
+"""Power in a band, in that of the noise: each as probable as another."""
+
+
+@dataclass(frozen=True)
+class NarrowBand:
+    """A band of frequencies with more power than the noise beside it.
+
+    Args:
+        sensor, axis: whose.
+        low, high: Hz.
+        times: its power by that of the noise.
+        probability: that something is there.
+    """
+
+    sensor: str
+    axis: str
+    low: float
+    high: float
+    times: float
+    probability: float
+
+
+def narrow_bands(
+    whitened: WhitenedModel,
+    residual: Sequence[Array],
+    claim: float,
+    floors: Mapping[str, float],
+) -> tuple[NarrowBand, ...]:
+    """Of each channel the band that says most, where it is there with at least this probability;
+    none by hand, where a hand trembles at no steady frequency.
+
+    Args:
+        whitened: the noise that a model leaves.
+        residual: of it, cosine coefficients in units of the noise, (n,) each.
+        claim: probability from which one is told.
+        floors: sensors with coarse codes, which oscillate with the input: none of them is told.
+    """
+    observations = whitened.observations
+    if not observations.courses:
+        return ()
+    prior = float(np.log(SOMETHING * UNLISTED / len(observations.channels)))
+    found = []
+    for channel, left, root in zip(observations.channels, residual, whitened.roots, strict=True):
+        if channel.derived or channel.sensor in floors:
+            continue
+        first, width, times, factor = _likeliest(left, root)
+        chance = float(1 / (1 + np.exp(-(factor + prior))))
+        if chance >= claim:
+            step = 1 / (2 * len(left) * float(np.median(np.diff(channel.time))))
+            low, high = first * step, (first + width) * step
+            found.append(NarrowBand(channel.sensor, channel.axis, low, high, times, chance))
+    return tuple(found)
+
+
+def _likeliest(residual: Array, root: Array) -> tuple[int, int, float, float]:
+    """First coefficient and number of those of the band that says most, its power by that beside
+    it, and the logarithm of the Bayes factor of something in it, any band being as probable as
+    another.
+
+    Args:
+        residual: cosine coefficients in units of the noise, (n,).
+        root: the noise, (n,).
+    """
+    left, n = limited(residual), len(residual)
+    power = cosines(left / np.sqrt(noise_about(left, AROUND))) ** 2
+    up_to = np.concatenate([[0.0], np.cumsum(power)])
+    white = int(np.argmax(root < np.sqrt(WHITE) * root.min()))
+    best, bands = (0, 0, 0.0, -np.inf), 0
+    width = NARROWEST
+    while width <= WIDEST * n:
+        first = np.arange(white + width, n - 2 * width, width // 2)
+        bands += len(first)
+        inside = up_to[first + width] - up_to[first]
+        beside = up_to[first + 2 * width] - up_to[first - width] - inside
+        times = 2 * inside / beside
+        factors = log_excess(times, width)
+        if len(first) and factors.max() > best[3]:
+            k = int(np.argmax(factors))
+            best = int(first[k]), width, float(times[k]), float(factors[k])
+        width *= 2
+    return *best[:3], best[3] - float(np.log(max(bands, 1)))
+
+
+def log_excess(times: Array, width: int) -> Array:
+    """Logarithm of the Bayes factor of bands in which something is, (n,).
+
+    Args:
+        times: mean power of each by that of its neighbours on both sides, (n,).
+        width: coefficients of a band, and of each neighbour.
+    """
+    whole = 1 + EXCESS[:, None]
+    fall = np.log1p(times / 2) - np.log1p(times / (2 * whole))
+    return np.asarray(
+        logsumexp(width / 2 * (3 * fall - np.log(whole)), axis=0) - np.log(len(whole))
+    )

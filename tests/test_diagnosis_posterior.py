@@ -14,6 +14,7 @@ from scipy.special import logsumexp
 from tiltcal.core.units import G0
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.noise_prior import noise_price
 from tiltcal.diagnosis.model.score_test import SURVIVES
@@ -23,8 +24,10 @@ from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explanation import evidence_in_place, explain
 from tiltcal.diagnosis.search.local_level import local_level
 from tiltcal.diagnosis.search.name_probabilities import Row, imitation_odds, name_probabilities
+from tiltcal.diagnosis.search.names import _imitated, _is_again
 from tiltcal.diagnosis.search.priors import UNLISTED, log_priors
 from tiltcal.diagnosis.search.scan import Scan
+from tiltcal.diagnosis.search.state import State
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.statistics.noise_spectrum import NoiseFit
@@ -102,6 +105,38 @@ def test_a_name_may_be_a_share_of_a_law_that_no_list_has(gain):
     edge, far = (e / (gain + e) for e in (limit**2, (limit + 9) ** 2))
     unseen = sum(quad(hidden, *ends, limit=200)[0] for ends in ((0, edge), (edge, far)))
     assert np.exp(imitation_odds(gain, 500)) == pytest.approx(unseen / 3, rel=1e-3)
+
+
+def test_a_name_that_is_in_the_model_twice_is_doubted():
+    """A quarter of laws is unlisted; names are taken for 16 % of these, half of these twice; of
+    listed laws 4 % are twice: 0.25 0.16 0.5 to 0.75 0.04.
+    """
+    rows = [Row("acc_warmup", 40.0, 45.0, 50.0), Row("acc_temp_bias", 30.0, 35.0, 40.0)]
+    once = list(_imitated(rows, 500, again=False))
+    twice = list(_imitated(rows, 500, again=True))
+    assert [r.name for r in twice] == ["unlisted", "unlisted"]
+    assert np.exp(twice[0].score - 40.0) == pytest.approx(0.02 / 0.03)
+    assert once[0].score < twice[0].score
+    assert once[1].score == twice[1].score
+
+
+def test_a_name_is_twice_in_a_model_at_two_shapes_or_as_two_causes(square):
+    shapes = [h for h in square.whitened.hypotheses if h.id == "acc_warmup"][:2]
+    other = next(h for h in square.whitened.hypotheses if h.id == "acc_K2")
+    curve = next(h for h in square.whitened.hypotheses if not h.listed)
+    assert shapes[0].place == shapes[1].place
+
+    def again(*hosted):
+        terms = [replace(FittedTerm.start(h), host=host) for h, host in hosted]
+        return _is_again(State(replace(square.start, terms=tuple(terms)), square.whitened), 0)
+
+    first, second = shapes
+    assert again((first, None), (second, first))
+    assert again((first, None), (second, None))
+    assert not again((first, None))
+    assert not again((first, None), (other, None))
+    assert not again((first, None), (curve, first))
+    assert not again((curve, None), (curve, curve))
 
 
 def test_priors_sum_to_one_and_a_quarter_is_of_no_list(square):

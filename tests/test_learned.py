@@ -96,6 +96,20 @@ def test_a_natural_spline_between_three_knots_is_as_worked_by_hand():
     np.testing.assert_allclose(added(effect)[:, 0], (3 * u - u**3) / 2, atol=1e-13)
 
 
+def test_a_curve_that_holds_keeps_its_last_value_over_temperature():
+    """What completes a law's form is not known beyond what was seen: there only the law goes on."""
+    warm = lively().temperature - lively().reference_temperature
+    law = {"coordinate": "temperature", "knots": [-0.5, 0, 0.5], "coefficients": [1e-3, 0, 1e-3]}
+    outside = np.abs(warm) > 0.5
+    assert outside.any()
+    held, going = (
+        added(learned("accel", "x", **law, **more))[:, 0] for more in ({"holds": True}, {})
+    )
+    np.testing.assert_allclose(held[outside], 1e-3, atol=1e-14)
+    np.testing.assert_allclose(going[outside], 4e-3 * warm[outside] ** 2, atol=1e-13)
+    np.testing.assert_allclose(held[warm == 0], 0.0, atol=1e-14)
+
+
 def test_a_law_of_temperature_goes_on_beyond_its_knots():
     """Three knots: the parabola 0.001 u^2, as far as it goes. Two: the line, and with four of them
     in it, by the last slope.

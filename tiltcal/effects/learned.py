@@ -70,6 +70,7 @@ class Learned(Effect):
             ``fall``, s.
         slot: of the frame that it tilts; turn: coordinate axis it tilts about.
         place: stage of the chain it is blamed on.
+        holds: whether it holds its last value beyond its knots, over temperature as well.
     """
 
     id: ClassVar[str] = "learned"
@@ -93,6 +94,7 @@ class Learned(Effect):
     slot: str = ""
     turn: str = ""
     place: str = "sensor"
+    holds: bool = False
 
     @property
     def count(self) -> int:
@@ -101,6 +103,11 @@ class Learned(Effect):
             return 4 * ORDERS**2
         fixed = len(self.knots) or len(self.instants)
         return fixed or 1 + max((int(name[1:]) for name in self.values), default=0)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it goes on beyond its knots."""
+        return bool(self.knots) and self.coordinate in CONTINUED and not self.holds
 
     @property
     def is_step(self) -> bool:
@@ -134,7 +141,7 @@ class Learned(Effect):
         from scipy.interpolate import PPoly
 
         u = self.knots[0] + (u - self.knots[0]) % self.period if self.period else u
-        parabola = self.coordinate in CONTINUED and len(self.knots) == PARABOLA
+        parabola = self.goes_on and len(self.knots) == PARABOLA
         each = cardinal_splines(self.knots, *(("not-a-knot",) if parabola else ()))
         spline = PPoly(each.c @ weights, each.x)
         if parabola:
@@ -143,7 +150,7 @@ class Learned(Effect):
         beyond, found = (u - inside)[:, None], np.asarray(spline(inside, order))
         if not beyond.any():
             return found
-        slope = self._mean_slope @ weights if self.coordinate in CONTINUED else np.zeros(1)
+        slope = self._mean_slope @ weights if self.goes_on else np.zeros(1)
         if order == 0:
             return found + slope * beyond
         return np.where(beyond == 0, found, slope if order == 1 else 0.0)

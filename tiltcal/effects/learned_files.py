@@ -41,6 +41,7 @@ _KEYS = {
     "per_input",
     "times",
     "relaxing",
+    "holds",
     "instants",
     "place",
     *AMOUNTS,
@@ -75,8 +76,10 @@ def make_learned(
     amounts: dict[str, Any] = {key: _amount(table, key, subject) for key in AMOUNTS}
     instants = _instants(table, coordinate, amounts, numbers, subject)
     _check_power(amounts["power"], knots, numbers, subject)
-    per_input, relaxing, odd = (bool(table.get(k)) for k in ("per_input", "relaxing", "odd"))
-    _check_relaxing(relaxing, on, coordinate, amounts["lag_s"], subject)
+    whether: dict[str, Any] = {
+        key: bool(table.get(key)) for key in ("per_input", "relaxing", "odd", "holds")
+    }
+    _check_relaxing(whether["relaxing"], on, coordinate, amounts["lag_s"], subject)
     return KINDS[on](
         {f"c{k}": value for k, value in enumerate(numbers)},
         sensor,
@@ -88,11 +91,9 @@ def make_learned(
         turn=turn,
         place=place,
         beside=_beside(table, setup, subject),
-        per_input=per_input,
         times=_times(table, setup, subject),
-        relaxing=relaxing,
-        odd=odd,
         instants=instants,
+        **whether,
         **{field: amounts[key] for key, field in AMOUNTS.items()},
     )
 
@@ -293,6 +294,7 @@ def learned_table(effect: Learned) -> dict[str, Any]:
         ("beside", effect.beside),
         ("power", effect.power),
         ("odd", effect.odd),
+        ("holds", effect.holds),
     )
     table |= {key: value for key, value in shape if value}
     return table | {"coefficients": [float(c) for c in effect.coefficients]}

@@ -223,10 +223,21 @@ def amended_of(
     ]
     for places in fitted.findings():
         effects = [_dated(fitted, k, first) for k in places]
-        if not fitted.terms[places[0]].hypothesis.listed:
+        if fitted.terms[places[0]].hypothesis.listed:
+            effects = [_held(e) for e in effects]
+        else:
             effects = mean_and_rest(fitted, places, effects, observations)
         marked += [(e, numbers[places[0]]) for e in effects]
     return amended_table(observations.scenario, marked, reference)
+
+
+def _held(effect: Effect) -> Effect:
+    """A curve that completes a law's form, as it is beyond what was seen: there only the law goes
+    on.
+    """
+    if isinstance(effect, Learned) and effect.goes_on:
+        return replace(effect, holds=True)
+    return effect
 
 
 def _dated(fitted: FittedModel, k: int, recording: Recording) -> Effect:

@@ -8,7 +8,7 @@ import numpy as np
 from tiltcal.diagnosis.conclusions.one_recording import is_history
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
-from tiltcal.effects.learned import CONTINUED, Learned
+from tiltcal.effects.learned import Learned
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.setup.tables import axis_of
 
@@ -83,7 +83,7 @@ def seen_range(effect: Learned, observations: Observations) -> SeenRange | None:
 def _beyond(effect: Learned, observations: Observations) -> Beyond:
     if is_history(effect, observations):
         return "left_out"
-    if effect.coordinate in CONTINUED or effect.power:
+    if effect.goes_on or effect.power:
         return "continues"
     return "holds" if effect.knots and not effect.period else "repeats"
 

@@ -16,6 +16,7 @@ setup: .venv/.ready  ## create .venv with the pinned, hash-checked dependencies 
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m compileall -q tiltcal sim  # once, not at each command where nothing may be written
 	@touch $@
 
 demo: setup  ## simulate, calibrate and verify on built-in scenarios; prints a table and the report's path

@@ -7,12 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.diagnosis.data.block_grid import (
-    BlockGrid,
-    Sampling,
-    block_means,
-    samples_taken,
-)
+from tiltcal.diagnosis.data.block_grid import BlockGrid, Sampling, block_means, samples_taken
 from tiltcal.diagnosis.data.curve_columns import CurveColumns
 from tiltcal.diagnosis.data.curve_factors import CurveFactors
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
@@ -87,10 +82,9 @@ class TableObservations(Observations):
                 if not recording.has(sensor):
                     continue
                 samples = recording.sensor(sensor)
+                known = course.known[samples.rows]
                 for k, axis in enumerate(sensor.axes):
-                    there = np.flatnonzero(
-                        ~np.isnan(samples.values[:, k]) & course.known[samples.rows]
-                    )
+                    there = np.flatnonzero(known & ~np.isnan(samples.values[:, k]))
                     there = there[: samples_taken(quick_length(len(there)), self.block)]
                     rows = samples.rows[there]
                     if len(rows) <= 8 * self.block:

@@ -98,7 +98,7 @@ def _likeliest(residual: Array, root: Array) -> tuple[int, int, float, float]:
         bands += len(first)
         inside = up_to[first + width] - up_to[first]
         beside = up_to[first + 2 * width] - up_to[first - width] - inside
-        times = 2 * inside / beside
+        times = 2 * inside / np.maximum(beside, np.finfo(float).tiny)
         factors = log_excess(times, width)
         if len(first) and factors.max() > best[3]:
             k = int(np.argmax(factors))

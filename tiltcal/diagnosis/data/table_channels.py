@@ -96,18 +96,8 @@ class TableObservations(Observations):
                         )
                     ]
                     values = self._mean(samples.values[there, k])
-                    found.append(
-                        Channel(
-                            number,
-                            sensor.name,
-                            axis,
-                            k,
-                            middle,
-                            recording.time[middle],
-                            values,
-                            course.stop[middle],
-                        )
-                    )
+                    when, stop = recording.time[middle], course.stop[middle]
+                    found.append(Channel(number, sensor.name, axis, k, middle, when, values, stop))
         return found
 
     def _with_spread(self) -> tuple[Channel, ...]:

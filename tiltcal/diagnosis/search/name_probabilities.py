@@ -20,7 +20,7 @@ COARSE = 3000.0
 posterior: Miller and Dunson, J. Am. Stat. Assoc. 114, 2019).
 """
 
-TAKEN, TWICE, LISTED_TWICE = 0.15, 0.35, 0.035
+TAKEN, TWICE, LISTED_TWICE = 0.15, 0.27, 0.024
 """Share of the laws that no list has and that a name is taken for; of these laws, and of listed
 ones, the share whose name stands in the model more than once. ``docs/diagnosis_model.md`` says how
 they were learnt.

@@ -144,12 +144,13 @@ def _imitated(rows: Sequence[Row], columns: int, again: bool) -> Iterator[Row]:
 
 def _is_again(state: State, k: int) -> bool:
     """Whether a cause has its textbook form at several shapes, or that is another cause in the same
-    place as well.
+    place as well. Vibrations and pick-up are of several lines by nature.
     """
     every = laws(state.fitted)
     law, terms = every[k], _terms(state, k)
     others = [t.hypothesis for t in terms[1:]] + [other for other in every if other is not law]
-    return law.textbook and any(h.textbook and h.place == law.place for h in others)
+    once = law.textbook and not law.line_hz
+    return once and any(h.textbook and h.place == law.place for h in others)
 
 
 def _rows(state: State, k: int, scan: Scan) -> list[Row]:

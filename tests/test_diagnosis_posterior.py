@@ -13,7 +13,8 @@ from scipy.special import logsumexp
 
 from tiltcal.core.units import G0
 from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.noise_prior import noise_price
@@ -137,6 +138,18 @@ def test_a_name_is_twice_in_a_model_at_two_shapes_or_as_two_causes(square):
     assert not again((first, None), (other, None))
     assert not again((first, None), (curve, first))
     assert not again((curve, None), (curve, curve))
+
+
+def test_a_tone_of_several_frequencies_is_one_name(square):
+    observations = square.whitened.observations
+    span = ranges_of(observations, SpectralLines((2.3, 4.1)))
+    lines = [
+        h for h in listed_hypotheses(observations.scenario, span, ()) if h.id == "mains_pickup"
+    ]
+    tones = [next(h for h in lines if abs(h.line_hz - f) < 0.1) for f in (2.3, 4.1)]
+    assert tones[0].place == tones[1].place
+    terms = (FittedTerm.start(tones[0]), replace(FittedTerm.start(tones[1]), host=tones[0]))
+    assert not _is_again(State(replace(square.start, terms=terms), square.whitened), 0)
 
 
 def test_priors_sum_to_one_and_a_quarter_is_of_no_list(square):

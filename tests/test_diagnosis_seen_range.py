@@ -1,9 +1,13 @@
 """How far a learned curve was seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from builders import effect_of
 from diagnosis_fixtures import bench, honest, recorded
 
+from tiltcal.diagnosis.conclusions.concluding import _beyond_seen
 from tiltcal.diagnosis.conclusions.seen_range import seen_range
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.effects.learned import LearnedReading
@@ -63,3 +67,16 @@ def test_a_sawtooth_repeats(run):
         CURVE.values, "accel", "x", "found", coordinate="table_outer", knots=(0.0, 1.0), period=1.0
     )
     assert seen_range(effect, run[1]).beyond == "repeats"
+
+
+def test_beyond_what_was_seen_a_textbook_form_goes_on_and_what_completes_it_holds():
+    """A curve that is the law itself, or that follows no temperature, is left as it is."""
+    form = effect_of("acc_temp_bias", bench(), "accel", temp_bias_x_ug_degC=20.0)
+    warm, turned = (
+        LearnedReading(CURVE.values, "accel", "x", "found", coordinate=c, knots=(0.0, 1.0))
+        for c in ("temperature", "table_outer")
+    )
+    kept, held, same = _beyond_seen([form, warm, turned])
+    assert (kept, same) == (form, turned)
+    assert held == replace(warm, holds=True)
+    assert _beyond_seen([warm, turned]) == [warm, turned]

@@ -7,16 +7,15 @@ from dataclasses import replace
 from typing import Any
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.conclusions.band_finding import band_findings
 from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, undetectable_of
 from tiltcal.diagnosis.conclusions.fault_findings import finding_of
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Fitness, verdict_of
 from tiltcal.diagnosis.conclusions.fit_figures import fitness_of, rms_of, under_fixed_white
 from tiltcal.diagnosis.conclusions.law_plots import laws_of
+from tiltcal.diagnosis.conclusions.nameless_findings import band_findings, slow_finding
 from tiltcal.diagnosis.conclusions.noise_figures import noise_report
 from tiltcal.diagnosis.conclusions.residual_plots import spectra_of, views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
-from tiltcal.diagnosis.conclusions.slow_finding import slow_finding
 from tiltcal.diagnosis.conclusions.statements import doubted, not_reproduced, summary, untold
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.prepare import PreparedData

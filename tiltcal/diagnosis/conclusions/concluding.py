@@ -224,20 +224,20 @@ def amended_of(
     for places in fitted.findings():
         effects = [_dated(fitted, k, first) for k in places]
         if fitted.terms[places[0]].hypothesis.listed:
-            effects = [_held(e) for e in effects]
+            effects = _beyond_seen(effects)
         else:
             effects = mean_and_rest(fitted, places, effects, observations)
         marked += [(e, numbers[places[0]]) for e in effects]
     return amended_table(observations.scenario, marked, reference)
 
 
-def _held(effect: Effect) -> Effect:
-    """A curve that completes a law's form, as it is beyond what was seen: there only the law goes
-    on.
+def _beyond_seen(effects: list[Effect]) -> list[Effect]:
+    """The effects of a named law as they are beyond what was seen: a textbook form goes on, and a
+    curve that completes it holds its last value; where the law itself is a curve, that goes on.
     """
-    if isinstance(effect, Learned) and effect.goes_on:
-        return replace(effect, holds=True)
-    return effect
+    if isinstance(effects[0], Learned):
+        return effects
+    return [replace(e, holds=True) if isinstance(e, Learned) and e.goes_on else e for e in effects]
 
 
 def _dated(fitted: FittedModel, k: int, recording: Recording) -> Effect:

@@ -22,7 +22,7 @@ from tiltcal.statistics.cosine_transform import cosines
 NARROWEST = 16  # cosine coefficients: fewer are a tone
 WIDEST = 1 / 16  # of all
 WHITE = 1.1  # the noise by its least variance, where it counts as white
-AROUND = 256  # rows that tell the noise about one
+ROWS = 256  # that tell the noise about each
 EXCESS = 10.0 ** np.arange(-2, 2.5, 0.5)
 """Power in a band, in that of the noise: each as probable as another."""
 
@@ -88,7 +88,7 @@ def _likeliest(residual: Array, root: Array) -> tuple[int, int, float, float]:
         root: the noise, (n,).
     """
     left, n = limited(residual), len(residual)
-    power = cosines(left / np.sqrt(noise_about(left, AROUND))) ** 2
+    power = cosines(left / np.sqrt(noise_about(left, ROWS))) ** 2
     up_to = np.concatenate([[0.0], np.cumsum(power)])
     white = int(np.argmax(root < np.sqrt(WHITE) * root.min()))
     best, bands = (0, 0, 0.0, -np.inf), 0

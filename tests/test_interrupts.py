@@ -22,7 +22,7 @@ from tiltcal.validation.kept_runs import NAME
 
 PYTHON = [sys.executable, "-m", "tiltcal"]
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
-LONG = BENCH_SCENARIO.replace("dwell_s = 3\n", "dwell_s = 20000\n", 1)
+LONG = BENCH_SCENARIO.replace("dwell_s = 3\n", "dwell_s = 1000000\n", 1)  # a minute of writing
 MANY = BENCH_SCENARIO.replace('name = "six_position"', 'name = "six_position"\nruns = 4')
 
 

@@ -63,6 +63,17 @@ def test_a_block_is_predicted_as_the_mean_of_its_samples(whole, case, quick):
         assert np.abs(mean - exact).max() <= 0.01 * np.abs(samples - nominal).max() + 1e-12
 
 
+@pytest.mark.parametrize("block", [5, 8])
+def test_a_delay_changes_a_block_by_the_mean_of_its_changes(whole, block):
+    """It goes with the rate, which half a sample changes most where a move begins."""
+    blocks = whole.averaged(block)
+    late = effect(whole, "data_latency", {"latency_ms": 1.0}, sensor="accel")
+    for i, column in whole.changes(late, ()).items():
+        starts = np.arange(0, len(column), block)
+        exact = np.add.reduceat(column, starts) / np.diff(starts, append=len(column))
+        assert np.abs(blocks.changes(late, ())[i] - exact).max() < 0.015 * np.abs(column).max()
+
+
 def test_what_is_quick_changes_a_block_by_the_mean_of_its_changes(whole):
     id, values, where = QUICK
     blocks, one = whole.averaged(8), effect(whole, id, values, **where)

@@ -64,7 +64,7 @@ def test_gross_values_side_by_side_are_no_transient(rng):
     course = Course(0.5, 1.5)
     values, peak = course.sampled(0.1)
     left[1500 - peak : 1500 - peak + len(values)] += 2 * values
-    power = _powers(dct(left, norm="ortho"), np.ones(2000), time, course)
+    (power,) = _powers(dct(left, norm="ortho"), np.ones(2000), time, [course])
     assert power[450:550].max() < 8.0
     assert power[1500] == pytest.approx(4 * (15 / 2 + 5 / 3), rel=0.2)
 

@@ -27,6 +27,19 @@ def block_means(values: Array, block: int) -> Array:
     return np.asarray(np.add.reduceat(values, starts) / np.diff(starts, append=len(values)))
 
 
+def blocks_of(samples: int, block: int) -> int:
+    """Blocks of some samples: what is left at the end is one if it reaches a block's middle."""
+    return max((samples - 1 - block // 2) // block + 1, 1)
+
+
+def mean_times(time: Array, starts: Index) -> Array:
+    """Mean time of each group of samples. time: s, (n,); starts: first sample of each, (k,)."""
+    if len(starts) == len(time):
+        return time
+    since = np.add.reduceat(time - time[0], starts) / np.diff(starts, append=len(time))
+    return np.asarray(time[0] + since)
+
+
 @dataclass(frozen=True)
 class BlockGrid:
     """Instants of blocks of samples.
@@ -43,8 +56,10 @@ class BlockGrid:
 
     @classmethod
     def middles(cls, time: Array, block: int) -> "BlockGrid":
-        """The middles of blocks. time: of samples, s, (n,)."""
-        middle = time[block // 2 :: block]
+        """The middles of blocks, which lie between two samples where a block has an even number of
+        them. time: of samples, s, (n,).
+        """
+        middle = mean_times(time, np.arange(blocks_of(len(time), block)) * block)
         return cls(middle, np.arange(len(middle)), np.ones(len(middle)))
 
     @classmethod
@@ -68,15 +83,13 @@ class BlockGrid:
         rested = np.maximum(time - came, step)
         moved = np.where(stop < 0, turned / TURN, np.minimum(step / (SPREAD * rested), 1.0))
         part = np.floor(np.cumsum(np.minimum(moved, 1.0))).astype(np.intp)
-        last = max((len(time) - 1 - block // 2) // block, 0)
-        number = np.minimum(np.arange(len(time)) // block, last)
+        number = np.minimum(np.arange(len(time)) // block, blocks_of(len(time), block) - 1)
         begins = (np.diff(part, prepend=-1) != 0) | (np.diff(number, prepend=-1) != 0)
         first = np.flatnonzero(begins)
         counts = np.diff(first, append=len(time))
-        starts = np.searchsorted(number[first], np.arange(last + 1))
+        starts = np.searchsorted(number[first], np.arange(number[-1] + 1))
         size = np.bincount(number)
-        mean = np.add.reduceat(time - time[0], first) / counts + time[0]
-        return cls(mean, starts, counts / size[number[first]])
+        return cls(mean_times(time, first), starts, counts / size[number[first]])
 
     def means(self, values: Real) -> Real:
         """Means over blocks of values at the instants, (k, ...) -> (blocks, ...)."""

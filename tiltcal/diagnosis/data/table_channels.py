@@ -7,7 +7,13 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.diagnosis.data.block_grid import BlockGrid, Sampling, block_means, samples_taken
+from tiltcal.diagnosis.data.block_grid import (
+    BlockGrid,
+    Sampling,
+    block_means,
+    mean_times,
+    samples_taken,
+)
 from tiltcal.diagnosis.data.curve_columns import CurveColumns
 from tiltcal.diagnosis.data.curve_factors import CurveFactors
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
@@ -90,13 +96,10 @@ class TableObservations(Observations):
                     if len(rows) <= 8 * self.block:
                         continue
                     self._rows.append(rows)
-                    middle = rows[
-                        np.minimum(
-                            np.arange(0, len(rows), self.block) + self.block // 2, len(rows) - 1
-                        )
-                    ]
+                    starts = np.arange(0, len(rows), self.block)
+                    middle = rows[np.minimum(starts + self.block // 2, len(rows) - 1)]
                     values = self._mean(samples.values[there, k])
-                    when, stop = recording.time[middle], course.stop[middle]
+                    when, stop = mean_times(recording.time[rows], starts), course.stop[middle]
                     found.append(Channel(number, sensor.name, axis, k, middle, when, values, stop))
         return found
 

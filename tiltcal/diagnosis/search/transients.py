@@ -6,6 +6,7 @@ them, so that a burst of noise is none. How many there are is chosen by what the
 logarithm of the number of ways to choose them.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -64,8 +65,10 @@ def transients(fitted: FittedModel, whitened: WhitenedModel) -> list[Hypothesis]
     for channel, residual, root in zip(
         observations.channels, fitted.residual, whitened.roots, strict=True
     ):
-        for course in [] if channel.derived else _courses(channel.time):
-            power = _powers(residual, root, channel.time, course)
+        courses = [] if channel.derived else _courses(channel.time)
+        for course, power in zip(
+            courses, _powers(residual, root, channel.time, courses), strict=True
+        ):
             rows, worth, price = _chosen(power, channel.time, course)
             if worth > 0:
                 instants = np.sort(channel.time[rows] - channel.time[0])
@@ -89,26 +92,36 @@ def _courses(time: Array) -> list[Course]:
     return [c for c in every if c.rise > SHORTEST * step and c.duration < LONGEST * duration]
 
 
-def _powers(residual: Array, root: Array, time: Array, course: Course) -> Array:
-    """What a transient with its peak at each row explains of a whitened residual, in units of the
-    noise about it, (n,).
+def _powers(
+    residual: Array, root: Array, time: Array, courses: Sequence[Course]
+) -> Iterator[Array]:
+    """What a transient of each course with its peak at each row explains of a whitened residual, in
+    units of the noise about it, (n,) each.
 
     Args:
         residual: cosine coefficients in units of the noise, (n,).
         root: the noise, (n,).
-        time: s, (n,); course: of the transient.
+        time: s, (n,).
+        courses: of the transients.
     """
-    from scipy.signal import fftconvolve
+    from scipy.fft import irfft, next_fast_len, rfft
 
-    values, peak = course.sampled(float(np.median(np.diff(time))))
-    middle = np.zeros(len(time))
-    start = (len(time) - len(values)) // 2
-    middle[start : start + len(values)] = values
-    energy = float(np.sum((cosines(middle) / root) ** 2))
+    n, step = len(time), float(np.median(np.diff(time)))
     left = limited(residual)
     again = inverse_cosines(cosines(left) / root)
-    along = fftconvolve(again, values[::-1], mode="full")[len(values) - 1 - peak :][: len(time)]
-    return np.asarray(along**2 / energy / noise_about(left, len(values)))
+    longest = int(max((c.duration for c in courses), default=0.0) / step) + 3
+    length = next_fast_len(n + longest, real=True)
+    transformed = rfft(again, length)
+    for course in courses:
+        values, peak = course.sampled(step)
+        middle = np.zeros(n)
+        start = (n - len(values)) // 2
+        middle[start : start + len(values)] = values
+        energy = float(np.sum((cosines(middle) / root) ** 2))
+        # inner products with the course that begins at each row; its peak comes later
+        along = irfft(transformed * rfft(values, length).conj(), length)
+        along = np.roll(along, peak)[:n]
+        yield along**2 / energy / noise_about(left, len(values))
 
 
 def _chosen(power: Array, time: Array, course: Course) -> tuple[Index, float, float]:

@@ -44,7 +44,7 @@ def textbook_direction(u):
 
 @settings(deadline=None, max_examples=400, derandomize=True)
 @given(u=WALKS, width=st.sampled_from([0.3, 1.0, 2.0, 5.0, 40.0]))
-def test_play_over_turning_points_is_the_textbook_operator(u, width):
+def test_play_is_the_textbook_operator(u, width):
     np.testing.assert_allclose(play(u, width), textbook_play(u, width), atol=1e-13)
 
 

@@ -1,9 +1,6 @@
-"""Effects with memory, in one place: play over turning points, direction of the last motion,
-stops.
-"""
+"""Effects with memory, in one place: play, direction of the last motion, stops."""
 
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
@@ -17,8 +14,9 @@ def play(u: Array, width: float) -> Array:
     the unit of the input.
 
     The output follows the input only where it is pushed; (input - output) / (width / 2) is
-    returned, 0 before the first motion. It depends on turning points only, so runs of equal
-    direction are done at once.
+    returned, 0 before the first motion. Each sample clips the output to what the play allows, and
+    clips one after the other are a clip: all of them are worked out by doubling (a prefix scan:
+    Hillis and Steele, Commun. ACM 29, 1986).
     """
     if width <= 0 or len(u) == 0:
         return np.asarray(np.sign(last_direction(u)))
@@ -29,16 +27,13 @@ def play(u: Array, width: float) -> Array:
 def _play(values: bytes, width: float) -> Array:
     """``play`` of the contents of an array: many curves follow one state; not to be written to."""
     u, half = np.frombuffer(values), width / 2
-    state = np.empty_like(u)
-    output = float(u[0])
-    turning = _turning_points(u)
-    for start, end in pairwise(turning):
-        run = u[start : end + 1]
-        follow = (
-            np.maximum(output, run - half) if run[-1] >= run[0] else np.minimum(output, run + half)
-        )
-        state[start : end + 1] = (run - follow) / half
-        output = float(follow[-1])
+    low, high, span = u - half, u + half, 1
+    while span < len(u):
+        least, most = low[span:], high[span:]
+        low = np.concatenate([low[:span], np.clip(low[:-span], least, most)])
+        high = np.concatenate([high[:span], np.clip(high[:-span], least, most)])
+        span *= 2
+    state = (u - np.clip(u[0], low, high)) / half
     state.flags.writeable = False
     return state
 
@@ -53,12 +48,6 @@ def rounded_play(u: Array, width: float, start: float = 0.0) -> Array:
     step = np.diff(u)
     decay = np.exp(-np.abs(step) / width)
     return recursion(decay, np.concatenate([[start], np.sign(step) * (1 - decay)]))
-
-
-def _turning_points(u: Array) -> list[int]:
-    direction = last_direction(u)
-    change = np.flatnonzero(np.diff(direction) != 0)
-    return [0, *[int(c) for c in change if c > 0], len(u) - 1] if len(u) > 1 else [0, 0]
 
 
 def last_direction(u: Array) -> Array:

@@ -120,6 +120,13 @@ class Learned(Effect):
         return len(self.knots) == 2 and self.period > 0
 
     @property
+    def curve_id(self) -> tuple[object, ...]:
+        """Equal for two effects whose curves are the same, wherever they act."""
+        bends = self.count, self.knots, self.period, self.power, self.odd, self.holds
+        past = self.lag, self.relaxing, self.play, self.instants, self.rise, self.fall
+        return (self.coordinate, self.beside, self.times, *bends, *past)
+
+    @property
     def coefficients(self) -> Array:
         """(p,): cos 1, sin 1, cos 2, ...; the values at the knots; cos cos, cos sin, sin cos, sin
         sin of each two orders; or c0.
@@ -261,9 +268,21 @@ class LearnedReading(Learned, SignalEffect):
         """Number of the channel it adds to."""
         return 0 if self.axis == "a" else sense.axes.index("xyz".index(str(self.axis)))
 
+    @property
+    def follows_own(self) -> bool:
+        """Whether the curve depends on the input of the channel that it adds to."""
+        return "input" in (self.coordinate, self.times)
+
     def columns(self, sense: Sense) -> Array:
         """What one of each coefficient adds to that channel, (n, p)."""
         own = sense.true_input()[:, self.channel(sense)]
+        basis = self.curves(sense, own)
+        return basis * own[:, None] if self.per_input else basis
+
+    def curves(self, sense: Sense, own: Array) -> Array:
+        """The curve of each coefficient along what a sensor senses, (n, p); ``own``: the channel's
+        true input, (n,).
+        """
         if self.beside:
             axes = (axis_of(self.coordinate), axis_of(self.beside))
             return np.asarray(products(*(Jet(sense.angles[str(axis)]) for axis in axes)).x)
@@ -273,7 +292,7 @@ class LearnedReading(Learned, SignalEffect):
             basis = np.column_stack(late)
         if self.times:
             basis = basis * coordinate_of(self.times, sense, own)[:, None]
-        return basis * own[:, None] if self.per_input else basis
+        return basis
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,8 @@ class NominalMotion:
         self.ideal = {name: sense.true_input() for name, sense in self.sense.items()}
         self.responses = Responses(setup, self.drive)
         self._slopes: tuple[Array, Array] | None = None
+        # that asked for last: the next is often the same, in another place
+        self._curve: tuple[tuple[object, ...], Jet] | None = None
 
     @classmethod
     def of(cls, setup: Setup, course: Course, time: Array) -> "NominalMotion":
@@ -89,17 +91,28 @@ class NominalMotion:
         return {name: self._said(name, c) for name, c in self._read(force, rate).items()}
 
     def curve(self, effect: Learned) -> Jet:
-        """The curve of each coefficient of a learned effect at one, (n, p)."""
-        if isinstance(effect, LearnedReading) and not effect.beside:
-            return Jet(effect.columns(self.sense[str(effect.sensor)]))
-        return effect.each_along(self.drive, self.responses.nominal.gravity_in_body)
+        """The curve of each coefficient of a learned effect at one, (n, p), without the input that
+        it multiplies.
+        """
+        read = effect if isinstance(effect, LearnedReading) and not effect.beside else None
+        where = (read.sensor, read.axis if read.follows_own else None) if read else None
+        key = (where, *effect.curve_id)
+        if self._curve is None or self._curve[0] != key:
+            if read:
+                name = str(read.sensor)
+                own = self.ideal[name][:, read.channel(self.sense[name])]
+                curve = Jet(read.curves(self.sense[name], own))
+            else:
+                curve = effect.each_along(self.drive, self.responses.nominal.gravity_in_body)
+            self._curve = key, curve
+        return self._curve[1]
 
     def answers(self, effect: Learned) -> Answers:
         """What the readings of each sensor answer to one of the curve of a learned effect."""
         if isinstance(effect, LearnedReading):
             name = str(effect.sensor)
-            own = np.zeros_like(self.ideal[name])
-            own[:, effect.channel(self.sense[name])] = 1.0
+            own, channel = np.zeros_like(self.ideal[name]), effect.channel(self.sense[name])
+            own[:, channel] = self.ideal[name][:, channel] if effect.per_input else 1.0
             return {name: (self._converted(name, own, effect), None, None)}
         assert isinstance(effect, LearnedReadout | LearnedTilt)
         tilt = isinstance(effect, LearnedTilt)

@@ -108,14 +108,14 @@ class ColumnBlock:
         counts = np.diff(starts, append=self.used)
         single = np.zeros(self.used)
         waves, power = self.waves, weight * weight
-        squares = np.empty((AT_ONCE, len(weight)), np.float32)
+        room = np.empty((max(AT_ONCE, *counts.tolist(), 0), len(weight)), np.float32)
         for first in range(0, self.used, AT_ONCE):
             part = waves[first : first + AT_ONCE]
-            single[first : first + AT_ONCE] = np.square(part, out=squares[: len(part)]) @ power
+            single[first : first + AT_ONCE] = np.square(part, out=room[: len(part)]) @ power
         several = []
         for start, count in zip(starts[counts > 1], counts[counts > 1], strict=True):
             rows = slice(start, start + count)
-            part = waves[rows] * weight
+            part = np.multiply(waves[rows], weight, out=room[:count])
             single[rows] = 0.0
             several.append((int(self.owners[start]), self.numbers[rows], part @ part.T))
         return single, several

@@ -6,6 +6,7 @@ combinations of those with few vectors.
 """
 
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -28,20 +29,27 @@ class ColumnProducts:
     def __init__(self, whitened: WhitenedModel) -> None:
         self._whitened = whitened
         self._blocks = whitened.columns.blocks(np.ones(len(whitened.hypotheses), bool))
-        self.own = whitened.inner_products(self._blocks)
         self._grams: dict[int, Array] = {}
         self._last: tuple[FittedModel, Array] | None = None
         # by a vector's source and name, used last at the end: the source, so that no other takes
         # its place, and the inner products with all columns, (columns,)
         self._known: dict[tuple[int, object], tuple[object, Single]] = {}
 
+    @cached_property
+    def own(self) -> dict[int, Array]:
+        """Inner products of the columns of each hypothesis, by its number. (m, m) each."""
+        return self._whitened.inner_products(self._blocks)
+
+    def prepare(self, models: Iterable[FittedModel]) -> None:
+        """Work out in one pass what ``along`` needs of several models."""
+        self._of([v for fitted in models for v in _vectors(fitted)])
+
     def along(self, fitted: FittedModel) -> Array:
         """Inner products of all columns with the residual of a model, and with an orthonormal
         basis of what it fits, (columns, 1 + q).
         """
         if self._last is None or self._last[0] is not fitted:
-            moved = [column for column, _ in fitted.moved]
-            products = self._of([fitted.reference, *moved, *fitted.columns])
+            products = self._of(_vectors(fitted))
             amounts = np.array([1.0, *(amount for _, amount in fitted.moved)])
             residual = products[:, : len(amounts)] @ amounts
             basis = products[:, len(amounts) :] @ inverse_root(fitted.design.gram)
@@ -81,3 +89,8 @@ class ColumnProducts:
             self._grams[number] = gram_of(members, self._whitened)
         along = self.along(fitted)[self._whitened.columns.places(members)]
         return projected_equations(members, self._grams[number], along, self._whitened)
+
+
+def _vectors(fitted: FittedModel) -> list[Vector]:
+    """What the residual of a model is made of, then what the model fits."""
+    return [fitted.reference, *(column for column, _ in fitted.moved), *fitted.columns]

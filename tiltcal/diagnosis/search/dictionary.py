@@ -2,6 +2,7 @@
 once the first findings are in the model.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
 
@@ -11,7 +12,11 @@ from tiltcal.core.progress import Part, unmeasured
 from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves, read_sensors
-from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses, step_hypotheses
+from tiltcal.diagnosis.hypotheses.hypothesis import (
+    Hypothesis,
+    listed_hypotheses,
+    step_hypotheses,
+)
 from tiltcal.diagnosis.hypotheses.instants import instants
 from tiltcal.diagnosis.hypotheses.localised_curves import steps_beside
 from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves
@@ -20,6 +25,7 @@ from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.diagnosis.search.state import State
 from tiltcal.diagnosis.search.transients import transients
+from tiltcal.effects.learned import Learned, LearnedReading
 from tiltcal.effects.spans import SpectralLines
 
 OFTEN = 50  # hypotheses between words on progress
@@ -46,7 +52,7 @@ def build_dictionary(
     span = ranges_of(observations, lines)
     nuisance = [t.hypothesis for t in fitted.nuisance]
     steps = step_hypotheses(observations.scenario, instants(observations))
-    every_curve = steps_beside(curves(observations, span))
+    every_curve = _equal_together(steps_beside(curves(observations, span)))
     listed = listed_hypotheses(observations.scenario, span, nuisance)
     passing = transients(fitted, whitened)
     every = list(chain(listed, steps, every_curve, passing))
@@ -55,6 +61,17 @@ def build_dictionary(
             columns.add(hypothesis, effects)
         if k % OFTEN == 0:
             part(k / len(every))
+
+
+def _equal_together(curves: Iterable[Hypothesis]) -> Iterator[Hypothesis]:
+    """Curves, equal ones together: in whatever places they act, they are worked out once."""
+    alike: dict[tuple[object, ...], list[Hypothesis]] = {}
+    for curve in curves:
+        effect = curve.effect
+        assert isinstance(effect, Learned)
+        where = effect.sensor if isinstance(effect, LearnedReading) else None
+        alike.setdefault((where, *effect.curve_id), []).append(curve)
+    return chain.from_iterable(alike.values())
 
 
 def extend_dictionary(state: State, known: SpectralLines) -> bool:

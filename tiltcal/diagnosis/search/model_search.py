@@ -186,7 +186,7 @@ def _split(state: State, scan: Scan) -> State:
         rivals = _rivals(sorted(rivals, key=lambda p: -p.score))
         if not rivals:
             continue
-        first = with_new(rest, max(rivals, key=lambda p: _with_next(p, rest, scan)))
+        first = with_new(rest, _ahead(rivals, rest, scan))
         second = _added(first, scan)
         if second is not None and (kept := _cheaper(second, state)) is not state:
             return kept
@@ -218,10 +218,7 @@ def _added(state: State, scan: Scan) -> State | None:
     if not found:
         return None
     rivals = _shaped(_rivals(found), state)
-    best = rivals[0]
-    if len(rivals) > 1:
-        best = max(rivals, key=lambda p: _with_next(p, state, scan))
-    return with_new(state, best)
+    return with_new(state, _ahead(rivals, state, scan))
 
 
 def _shaped(found: Sequence[Proposal], state: State) -> list[Proposal]:
@@ -231,12 +228,18 @@ def _shaped(found: Sequence[Proposal], state: State) -> list[Proposal]:
     return [best_shape(p, state.fitted, state.whitened) for p in found]
 
 
-def _with_next(proposal: Proposal, state: State, scan: Scan) -> float:
-    """Score of a proposal and of the best that may follow it."""
-    terms = state.fitted.terms + proposal.explanation.terms
-    trial = refit_linearly(state.fitted, terms, state.whitened)
-    follow = scan.log_bayes_factors(trial) + scan.log_odds
-    return proposal.score + max(float(follow.max()), 0.0)
+def _ahead(rivals: Sequence[Proposal], state: State, scan: Scan) -> Proposal:
+    """The proposal of the best score with that of the best that may follow it."""
+    if len(rivals) == 1:
+        return rivals[0]
+    fitted = state.fitted
+    trials = [
+        refit_linearly(fitted, fitted.terms + p.explanation.terms, state.whitened) for p in rivals
+    ]
+    scan.products.prepare(trials)
+    follow = [float((scan.log_bayes_factors(t) + scan.log_odds).max()) for t in trials]
+    scores = [p.score + max(f, 0.0) for p, f in zip(rivals, follow, strict=True)]
+    return rivals[int(np.argmax(scores))]
 
 
 def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:

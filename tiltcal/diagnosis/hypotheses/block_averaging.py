@@ -9,24 +9,22 @@ from tiltcal.diagnosis.hypotheses.coordinate_ranges import fastest
 from tiltcal.effects.spans import SpectralLines
 
 MOST_ROWS, MOST_READINGS = 12000, 36000
-"""Of a channel and of all together: longer records are averaged in blocks."""
-ROWS, READINGS = 6500, 19500
-"""What is left of them."""
-SURVIVES = (
-    0.8  # share of a line's power that a block should leave, while there are no more than MOST_ROWS
-)
+"""Of a channel and of all together: a longer record is averaged, whatever its spectral lines."""
+ROWS, READINGS = 3000, 9000
+"""At least as many are left of one without such lines."""
+SURVIVES = 0.8  # share of a line's power that a block leaves, as long as MOST_ROWS allows it
 HALF = 0.5  # period
 
 
 def block_of(observations: Observations, lines: SpectralLines) -> int:
-    """Samples in a block: as few as a spectral line allows, as long as MOST_ROWS and MOST_READINGS
-    are not exceeded.
+    """Samples in a block: as many as leave ROWS and READINGS and keep every spectral line; at least
+    as many as MOST_ROWS and MOST_READINGS demand.
     """
     longest, readings = max(len(c.values) for c in observations.channels), observations.samples
     least = max(-(-longest // MOST_ROWS), -(-readings // MOST_READINGS))
-    if least == 1:
+    most = max(longest // ROWS, readings // READINGS, least)
+    if most == 1:
         return 1
-    most = max(-(-longest // ROWS), -(-readings // READINGS))
     step = _step(observations)
     beats = _frequencies(observations, lines, least)
     left = {block: _least_share(beats, step, block) for block in range(least, most + 1)}

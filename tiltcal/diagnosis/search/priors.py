@@ -1,6 +1,6 @@
 """Prior probabilities of hypotheses: equal for every place of a named effect, a quarter of all for
 curves; shared by the shapes of each. An event of several recordings is as probable between two of
-them as within them.
+them as within them, and a named effect in its textbook form as in all others together.
 """
 
 from collections.abc import Sequence
@@ -31,11 +31,16 @@ def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:
     found = np.zeros(len(hypotheses))
     for key, which in members.items():
         share = UNLISTED / curves if key[0] is None else (1 - UNLISTED) / named
-        pause = np.array([(i := hypotheses[k].instant) is not None and i.in_pause for k in which])
-        halves = [half for half in (pause, ~pause) if half.any()]
-        for half in halves:
-            found[np.array(which)[half]] = np.log(share / len(halves) / half.sum())
+        parts = [_part(hypotheses[k]) for k in which]
+        for k, part in zip(which, parts, strict=True):
+            found[k] = np.log(share / len(set(parts)) / parts.count(part))
     return found + np.array([h.odds for h in hypotheses])
+
+
+def _part(hypothesis: Hypothesis) -> tuple[bool, bool]:
+    """Which of the hypotheses of a kind are as probable together as the others."""
+    instant = hypothesis.instant
+    return instant is not None and instant.in_pause, hypothesis.alias is not None
 
 
 def kind(hypothesis: Hypothesis) -> tuple[object, ...]:

@@ -38,6 +38,7 @@ from tiltcal.diagnosis.search.curve_misfit import largest_misfit
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.model_search import most_probable, settled
+from tiltcal.diagnosis.search.moving_tones import moving_tones
 from tiltcal.diagnosis.search.names import named, without_misfits
 from tiltcal.diagnosis.search.narrow_bands import narrow_bands
 from tiltcal.diagnosis.search.random_settings import beside_random_settings, is_lawful
@@ -217,6 +218,8 @@ def _explained(
     remaining = laws(fitted)
     held = [k for k, law in enumerate(laws(state.fitted)) if any(law is one for one in remaining)]
     left = gate.left_by(fitted, state.whitened)
+    nothing = not (held or doubts)
+    rest = left.residual(fitted.effects) if nothing else []
     return Explained(
         normalise_tone_phase(fitted, prepared.observations),
         left,
@@ -225,7 +228,8 @@ def _explained(
         tuple(names[k] for k in held),
         tuple(chances[k] for k in held),
         slow_variations(left, CLAIM, floors),
-        () if held or doubts else narrow_bands(left, left.residual(fitted.effects), CLAIM, floors),
+        narrow_bands(left, rest, CLAIM, floors) if nothing else (),
+        moving_tones(left, rest, fitted.effects, CLAIM, floors) if nothing else (),
         doubts,
     )
 

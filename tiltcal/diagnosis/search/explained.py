@@ -6,6 +6,7 @@ from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.moving_tones import MovingTone
 from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.diagnosis.search.narrow_bands import NarrowBand
 from tiltcal.diagnosis.search.slow_variation import SlowVariation
@@ -22,7 +23,8 @@ class Explained:
         gate: says where the noise comes from.
         names: what each finding may be; probability: that each is there.
         slow: variation that is too large to be noise.
-        bands: of frequency that hold more than noise, where nothing else was found.
+        bands: of frequency that hold more than noise; tones: whose frequency moves; both where
+            nothing else was found.
         doubts: causes that the noise may be instead.
     """
 
@@ -34,4 +36,5 @@ class Explained:
     probability: tuple[float, ...]
     slow: tuple[SlowVariation, ...]
     bands: tuple[NarrowBand, ...] = ()
+    tones: tuple[MovingTone, ...] = ()
     doubts: tuple[Doubt, ...] = ()

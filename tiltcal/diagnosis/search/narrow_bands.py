@@ -1,5 +1,5 @@
 """Bands of frequency that hold more power than the noise on both sides of them: an oscillation that
-keeps no phase, such as a servo that hunts now and then or a tone whose frequency moves.
+keeps no phase, such as a servo that hunts now and then.
 
 The power of a band beside that of its neighbours is F distributed in white noise of any level;
 where something is in it, it is so much larger (excess power: Anderson et al., Phys. Rev. D 63,
@@ -15,16 +15,13 @@ from scipy.special import logsumexp
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.limited_residual import limited, noise_about
+from tiltcal.diagnosis.search.limited_residual import EXCESS, equalised
 from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED
 from tiltcal.statistics.cosine_transform import cosines
 
 NARROWEST = 16  # cosine coefficients: fewer are a tone
 WIDEST = 1 / 16  # of all
 WHITE = 1.1  # the noise by its least variance, where it counts as white
-ROWS = 256  # that tell the noise about each
-EXCESS = 10.0 ** np.arange(-2, 2.5, 0.5)
-"""Power in a band, in that of the noise: each as probable as another."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +84,7 @@ def _likeliest(residual: Array, root: Array) -> tuple[int, int, float, float]:
         residual: cosine coefficients in units of the noise, (n,).
         root: the noise, (n,).
     """
-    left, n = limited(residual), len(residual)
-    power = cosines(left / np.sqrt(noise_about(left, ROWS))) ** 2
+    power, n = cosines(equalised(residual)) ** 2, len(residual)
     up_to = np.concatenate([[0.0], np.cumsum(power)])
     white = int(np.argmax(root < np.sqrt(WHITE) * root.min()))
     best, bands = (0, 0, 0.0, -np.inf), 0

@@ -90,7 +90,7 @@ def test_a_tone_that_follows_something_is_told_with_its_frequencies(name, slope,
 
 
 @pytest.mark.slow
-def test_a_tone_that_slides_with_the_input_is_a_finding_without_a_name(rng):
+def test_a_tone_that_slides_with_the_input_is_a_finding_without_a_name():
     whole = recorded(bench(), 6)
     force = whole.column("accel_x_m_s2")
     phase = np.cumsum(2 * np.pi * (0.4 + 0.3 * np.abs(force)) * np.median(np.diff(whole.time)))

@@ -1,10 +1,13 @@
-"""Forms of a learned curve, and their derivatives: harmonics, a power, transients."""
+"""Forms of a learned curve, and their derivatives: harmonics, splines, a power, transients."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.statistics.cardinal_splines import cardinal_splines
+
+PARABOLA = 3  # knots of a law that goes on as it is
 
 
 def harmonics_of(u: Array, order: int, count: int, pace: float) -> Array:
@@ -18,6 +21,37 @@ def harmonics_of(u: Array, order: int, count: int, pace: float) -> Array:
         slope = (1j * (k // 2 + 1) * pace) ** order * (1 if k % 2 == 0 else -1j)
         columns[:, k] = (slope * wave).real
     return columns
+
+
+def spline_of(
+    u: Array, order: int, knots: Sequence[float], period: float, weights: Array, goes_on: bool
+) -> Array:
+    """Sums of the splines that are one at each knot, or a derivative, (n, m).
+
+    Args:
+        u: coordinates, (n,); order: of the derivative.
+        knots: (p,); period: after which it begins anew, 0 for none.
+        weights: of each spline, (p, m).
+        goes_on: whether it goes on beyond its knots: by its mean slope, as what ends at one knot is
+            as uncertain as a few readings there; through PARABOLA knots as it is.
+    """
+    from scipy.interpolate import PPoly
+
+    u = knots[0] + (u - knots[0]) % period if period else u
+    parabola = goes_on and len(knots) == PARABOLA
+    each = cardinal_splines(tuple(knots), *(("not-a-knot",) if parabola else ()))
+    spline = PPoly(each.c @ weights, each.x)
+    if parabola:
+        return np.asarray(spline(u, order))
+    inside = np.clip(u, knots[0], knots[-1])
+    beyond, found = (u - inside)[:, None], np.asarray(spline(inside, order))
+    if not beyond.any():
+        return found
+    middle = np.array(knots) - np.mean(knots)
+    slope = middle / (middle @ middle) @ weights if goes_on else np.zeros(1)
+    if order == 0:
+        return found + slope * beyond
+    return np.where(beyond == 0, found, slope if order == 1 else 0.0)
 
 
 def power_of(u: Array, order: int, power: float, odd: bool) -> Array:

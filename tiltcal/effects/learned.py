@@ -16,7 +16,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, SignalEffect
-from tiltcal.effects.curve_bases import harmonics_of, power_of, transients_at
+from tiltcal.effects.curve_bases import harmonics_of, power_of, spline_of, transients_at
 from tiltcal.effects.curve_coordinates import (
     INPUTS,
     coordinate_of,
@@ -32,14 +32,12 @@ from tiltcal.effects.parameter import Parameter, Stage
 from tiltcal.effects.sense import Sense
 from tiltcal.setup.tables import axis_of
 from tiltcal.setup.trajectory import Drive, Jet
-from tiltcal.statistics.cardinal_splines import cardinal_splines
 
 Force = Callable[[], Array]
 CONTINUED = ("temperature",)
 """Coordinates beyond whose range a spline goes on: the next recording will not have the same
 temperatures.
 """
-PARABOLA = 3  # knots of a law that goes on as it is
 
 
 @dataclass(frozen=True)
@@ -138,42 +136,16 @@ class Learned(Effect):
         if self.power:
             return power_of(u, order, self.power, self.odd)[:, None]
         if self.knots:
-            return self._spline(u, order, np.eye(self.count))
+            return spline_of(u, order, self.knots, self.period, np.eye(self.count), self.goes_on)
         if self.instants:
             return transients_at(u, order, self.instants, self.rise, self.fall)
         return harmonics_of(u, order, self.count, 2 * np.pi / self.period if self.period else 1.0)
 
-    def _spline(self, u: Array, order: int, weights: Array) -> Array:
-        """Sums of the splines of the coefficients with weights (p, m), or a derivative, (n, m)."""
-        from scipy.interpolate import PPoly
-
-        u = self.knots[0] + (u - self.knots[0]) % self.period if self.period else u
-        parabola = self.goes_on and len(self.knots) == PARABOLA
-        each = cardinal_splines(self.knots, *(("not-a-knot",) if parabola else ()))
-        spline = PPoly(each.c @ weights, each.x)
-        if parabola:
-            return np.asarray(spline(u, order))
-        inside = np.clip(u, self.knots[0], self.knots[-1])
-        beyond, found = (u - inside)[:, None], np.asarray(spline(inside, order))
-        if not beyond.any():
-            return found
-        slope = self._mean_slope @ weights if self.goes_on else np.zeros(1)
-        if order == 0:
-            return found + slope * beyond
-        return np.where(beyond == 0, found, slope if order == 1 else 0.0)
-
-    @property
-    def _mean_slope(self) -> Array:
-        """What takes the slope of the best line through a spline's knots from its values, (p,): a
-        slope at one end would be as uncertain as what a few readings there say.
-        """
-        u = np.array(self.knots) - np.mean(self.knots)
-        return u / (u @ u)
-
     def curve(self, u: Array, order: int = 0) -> Array:
         """The curve, or its first or second derivative, at some coordinates, (n,)."""
         if self.knots and not self.power:
-            return self._spline(u, order, self.coefficients[:, None])[:, 0]
+            one = self.coefficients[:, None]
+            return spline_of(u, order, self.knots, self.period, one, self.goes_on)[:, 0]
         return np.asarray(self.basis(u, order) @ self.coefficients)
 
     def each(self, u: Jet) -> Jet:

@@ -12,7 +12,7 @@ from tiltcal.diagnosis.conclusions.fault_findings import finding_of
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Fitness, verdict_of
 from tiltcal.diagnosis.conclusions.fit_figures import fitness_of, rms_of, under_fixed_white
 from tiltcal.diagnosis.conclusions.law_plots import laws_of
-from tiltcal.diagnosis.conclusions.nameless_findings import oscillations, slow_finding
+from tiltcal.diagnosis.conclusions.nameless_findings import nameless_findings
 from tiltcal.diagnosis.conclusions.noise_figures import noise_report
 from tiltcal.diagnosis.conclusions.residual_plots import spectra_of, views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
@@ -77,14 +77,8 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     groups, laws = fitted.findings(), laws_of(fitted, observations, left)
     found = findings_of(said, whitened, log_p)
     order = sorted(range(len(found)), key=lambda k: found[k].delta_bic)
-    slow = (slow_finding(s) for s in said.slow)
     lawful = (replace(found[k], laws=laws[k]) for k in order)
-    findings = (
-        *(finding_of(f) for f in faults),
-        *lawful,
-        *slow,
-        *oscillations(said.bands, said.tones),
-    )
+    findings = (*(finding_of(f) for f in faults), *lawful, *nameless_findings(said))
     numbers = {place: len(faults) + rank for rank, k in enumerate(order, 1) for place in groups[k]}
     verdict = verdict_of(findings, tested := last.chi2_per_dof is not None, bool(said.doubts))
     source = "the recording itself" if gate.static is None else "the static record"

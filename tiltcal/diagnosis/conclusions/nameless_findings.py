@@ -6,14 +6,20 @@ from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
+from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.moving_tones import MovingTone
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.narrow_bands import NarrowBand
 from tiltcal.diagnosis.search.slow_variation import SlowVariation
 
 
-def slow_finding(slow: SlowVariation) -> Finding:
-    """Slow variation of one axis."""
+def nameless_findings(said: Explained) -> Iterator[Finding]:
+    """Slow variation of each axis, then oscillations, of what a search came to."""
+    yield from (_slow(one) for one in said.slow)
+    yield from _oscillations(said.bands, said.tones)
+
+
+def _slow(slow: SlowVariation) -> Finding:
     beside = f"the other axes of {slow.sensor}" if slow.beside_axes else "the worst grade"
     return _nameless(
         slow.sensor,
@@ -26,7 +32,7 @@ def slow_finding(slow: SlowVariation) -> Finding:
     )
 
 
-def oscillations(bands: Sequence[NarrowBand], tones: Sequence[MovingTone]) -> Iterator[Finding]:
+def _oscillations(bands: Sequence[NarrowBand], tones: Sequence[MovingTone]) -> Iterator[Finding]:
     """Oscillations of each sensor, of the axis that shows them most, and of the others: a tone
     whose frequency moves, or else a band.
     """

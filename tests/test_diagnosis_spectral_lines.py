@@ -2,6 +2,8 @@
 angle, over a reading's own input, after each move.
 """
 
+import re
+
 import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded
@@ -187,6 +189,45 @@ def test_an_error_periodic_in_the_reading_is_a_line_over_its_own_input():
     (wave,) = (w for w in waves if w.coordinate == "input")
     assert (wave.sensor, wave.axis) == ("accel", "y")
     assert wave.period == pytest.approx(PERIOD, rel=0.02)
+
+
+TABLE_STEP = 0.5  # degC
+
+
+def with_compensation_table(truth, seed):
+    """A recording whose bias of z is compensated from a table of half degrees, the temperature
+    being truncated and not interpolated: a saw-tooth of what is beyond the half degree.
+    """
+    whole = recorded(truth, seed)
+    columns = {name: whole.column(name) for name in whole.column_names}
+    beyond = whole.temperature() / TABLE_STEP % 1.0
+    columns["accel_z_m_s2"] = columns["accel_z_m_s2"] + 2 * WHITE * (beyond - 0.5)
+    return Recording.from_columns(whole.time, columns)
+
+
+def test_a_table_over_temperature_is_a_line_over_temperature():
+    truth = bench(swing_degC=2.0, period_s=600.0)
+    found = prepare(honest(truth), [with_compensation_table(truth, 4)])
+    (wave,) = (
+        w
+        for w in spectral_lines_of(found.observations, found.start).waves
+        if w.coordinate == "temperature"
+    )
+    assert (wave.sensor, wave.axis) == ("accel", "z")
+    span = np.ptp(recorded(truth, 4).temperature())
+    assert wave.period == pytest.approx(TABLE_STEP, rel=TABLE_STEP / span / 2)  # half a line
+
+
+@pytest.mark.slow
+def test_a_table_over_temperature_is_a_finding_without_a_name():
+    truth = bench(swing_degC=2.0, period_s=600.0)
+    found = diagnose(honest(truth), [with_compensation_table(truth, 4)])
+    assert found.verdict == "unlisted"
+    told = re.search(
+        r"accel z that follows temperature, with a period of (\S+) degC", found.statement
+    )
+    assert told
+    assert float(told[1]) == pytest.approx(TABLE_STEP, rel=0.05)
 
 
 def with_pick_up(truth, seed):

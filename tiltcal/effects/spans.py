@@ -12,7 +12,7 @@ class Wave:
 
     Args:
         sensor, axis: of the channel.
-        coordinate: its own ``input``, or a table angle.
+        coordinate: its own ``input``, ``temperature``, or a table angle.
         period: SI.
         times: what its amplitude is in proportion to; empty where it is constant.
     """
@@ -31,7 +31,7 @@ class SpectralLines:
     Args:
         tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move;
             ripples: a turn of an axis.
-        waves: over the input of a channel or a table angle.
+        waves: over the input of a channel, temperature or a table angle.
     """
 
     tones: tuple[float, ...] = ()

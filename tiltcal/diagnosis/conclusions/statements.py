@@ -133,6 +133,9 @@ def _followed(effect: Learned) -> str:
     return f"{what} times the {axis_of(effect.beside)} angle" if effect.beside else what
 
 
+PERIODS = {"input": "in SI units", "temperature": "degC"}
+
+
 def _repeating(effect: Learned) -> str:
     """After what a curve repeats, or when it begins; nothing of one that does neither."""
     if effect.instants:
@@ -146,8 +149,8 @@ def _repeating(effect: Learned) -> str:
         return f", with a period of {effect.period:.3g}{unit}"
     if effect.knots:
         return f" and repeats every {np.degrees(effect.period):.4g} deg"
-    if effect.coordinate == "input":
-        return f", with a period of {effect.period:.3g} in SI units"
+    if effect.coordinate in PERIODS:
+        return f", with a period of {effect.period:.3g} {PERIODS[effect.coordinate]}"
     return f", {2 * np.pi / effect.period:.4g} times a turn"
 
 

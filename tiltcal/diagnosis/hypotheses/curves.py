@@ -149,7 +149,9 @@ def _reading_curves(
 
 
 def _waves(waves: Iterable[Wave], where: Mapping[str, Any]) -> Iterator[Hypothesis]:
-    """What repeats over the input of a channel or over a table angle, at the lines found there."""
+    """What repeats over the input of a channel, temperature or a table angle, at the lines found
+    there.
+    """
     for wave in waves:
         if (wave.sensor, wave.axis) == (where["sensor"], where["axis"]):
             for per_input in (False, True) if wave.coordinate == "input" else (False,):

@@ -1,4 +1,4 @@
-"""Lines in the residual over an angle: of the table, or of a reading's own input."""
+"""Lines in the residual over an angle: of the table, of a reading's own input, or temperature."""
 
 from collections.abc import Mapping
 
@@ -17,6 +17,7 @@ Phasors = np.ndarray[tuple[int], np.dtype[np.complex128]]
 LINES = 1100  # a turn, of the finest scale that is looked for
 CIRCLE = 2**15  # angles of a turn: a fifth of a radian of the finest line
 FIRST = 6  # fewer are curves of the angle
+CYCLES = 3  # over the range of temperature: fewer are a curve
 BEYOND = 11  # harmonics of an angle that no curve over it has
 FEWEST = 16  # lines of which a median says what is usual
 PROBE = 36.0  # lines, from whose changes those of any other number follow
@@ -57,12 +58,13 @@ def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ..
 
 
 def waves_of(observations: Observations, fitted: FittedModel) -> tuple[Wave, ...]:
-    """Lines in the residual of a reading over its own input or over a table angle, strongest first:
-    one over each for each channel at most, and none by hand.
+    """Lines in the residual of a reading over its own input, over temperature or over a table
+    angle, strongest first: one over each for each channel at most, and none by hand.
 
-    Over an angle they are of a constant amplitude or in proportion to the speed of turn: what a
-    motor, a resolver or a ring of contacts puts into a reading. From sample to sample a turn passes
-    half a line of the finest: finer ones look like coarser ones.
+    Over temperature they are fringes, or a table of a compensation that is not interpolated. Over
+    an angle they are of a constant amplitude or in proportion to the speed of turn: what a motor, a
+    resolver or a ring of contacts puts into a reading. From sample to sample a turn passes half a
+    line of the finest: finer ones look like coarser ones.
     """
     found: list[tuple[float, Wave]] = []
     left, watches = observations.residuals(fitted.effects), observations.watches(fitted.effects)
@@ -74,10 +76,14 @@ def waves_of(observations: Observations, fitted: FittedModel) -> tuple[Wave, ...
         rows = np.minimum(channel.rows // observations.block, len(sense.time) - 1)
         own = sense.true_input()[:, channel.column]
         place = channel.sensor, channel.axis
-        if span := float(np.ptp(own[rows])):
-            phase = 2 * np.pi * (own - own[rows].min())[rows] / (FINER * span)
-            n, strength = _strongest(phase, residual, FINER * FIRST, LINES)
-            found.append((strength, Wave(*place, "input", FINER * span / n)))
+        for name, u, first in (
+            ("input", own[rows], FIRST),
+            ("temperature", sense.temperature[rows], CYCLES),
+        ):
+            if span := float(np.ptp(u)):
+                phase = 2 * np.pi * (u - u.min()) / (FINER * span)
+                n, strength = _strongest(phase, residual, FINER * first, LINES)
+                found.append((strength, Wave(*place, name, FINER * span / n)))
         speed = coordinate_of("speed", sense, own)[rows]
         for name in (angle_channel(axis) for axis in turning):
             angle = coordinate_of(name, sense, own)[rows]

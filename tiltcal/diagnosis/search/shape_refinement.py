@@ -110,12 +110,12 @@ def _top(before: float, here: float, after: float) -> float:
 
 
 def shapes(hypothesis: Hypothesis) -> dict[str, float]:
-    """The continuous shapes of a hypothesis; of a curve its lag, its period in time, and where a
-    localised form lies.
+    """The continuous shapes of a hypothesis; of a curve its lag, its period in time or temperature,
+    and where a localised form lies.
     """
     effect = hypothesis.effect
     if isinstance(effect, Learned):
-        repeats = effect.period and effect.coordinate in ("time", "since_move")
+        repeats = effect.period and effect.coordinate in ("time", "since_move", "temperature")
         own = {"lag": effect.lag, "period": effect.period if repeats else 0.0}
         return {name: value for name, value in own.items() if value} | form_of(hypothesis)
     return {

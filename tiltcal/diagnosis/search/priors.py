@@ -1,6 +1,6 @@
 """Prior probabilities of hypotheses: equal for every place of a named effect, a quarter of all for
 curves; shared by the shapes of each. An event of several recordings is as probable between two of
-them as within them, and a named effect in its textbook form as in all others together.
+them as within them, and a named effect that has a textbook form in it as in all others together.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,8 @@ def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:
 def _part(hypothesis: Hypothesis) -> tuple[bool, bool]:
     """Which of the hypotheses of a kind are as probable together as the others."""
     instant = hypothesis.instant
-    return instant is not None and instant.in_pause, hypothesis.alias is not None
+    other_form = hypothesis.alias is not None and hypothesis.law.form == "law"
+    return instant is not None and instant.in_pause, other_form
 
 
 def kind(hypothesis: Hypothesis) -> tuple[object, ...]:

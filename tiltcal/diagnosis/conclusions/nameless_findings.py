@@ -75,8 +75,7 @@ def _moving(sensor: str, axes: tuple[str, ...], first: MovingTone) -> Finding:
         axes,
         first.probability,
         f"A tone of {sensor} {', '.join(axes)} whose frequency follows {first.follows}, between"
-        f" {first.low:.3g} and {first.high:.3g} Hz: no listed effect has this form. Its power is"
-        f" {first.times:.2g} times that of the noise about it.",
+        f" {first.low:.3g} and {first.high:.3g} Hz: no listed effect has this form.",
         f"record where {first.follows} changes in another way, to see the tone follow it",
         "frequency",
     )

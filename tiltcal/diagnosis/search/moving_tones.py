@@ -1,10 +1,11 @@
 """Tones whose frequency moves with time, temperature, the input of a reading or the speed of turn:
 the idle tone of a converter, the beat of two oscillators.
 
-In the spectra of short stretches such a tone is a ridge: f = f0 + s u, u being what it follows. In
-noise the powers along a ridge, each by the usual one of its frequency and of its stretch, are
-exponential; where a tone is, they are so much larger (stack-slide search: Brady and Creighton,
-Phys. Rev. D 61, 082001, 2000). What is steady in frequency or short in time is no ridge.
+In the spectra of short stretches such a tone is a ridge: f = f0 + s u, u being what it follows
+(stack-slide search: Brady and Creighton, Phys. Rev. D 61, 082001, 2000). A power is taken by its
+rank among those of the same frequency, of stretches at rest or of those with motion, as the
+exponential score of that rank (Savage, Ann. Math. Stat. 27, 1956): their sum along a ridge is
+gamma distributed in noise of any colour, at rest and in motion, and steady lines hold no ridge.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from tiltcal.core.arrays import Array, Index
+from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.limited_residual import EXCESS, equalised
@@ -22,9 +23,8 @@ from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_coordinates import coordinate_of
 
 LENGTHS = (64, 128, 256, 512)  # samples of a stretch
-FEWEST = 20  # stretches of which a median says what is usual
+FEWEST = 20  # stretches at rest, or with motion in them, that are compared with each other
 SLOWEST = 2  # frequencies of a stretch's spectrum that a tone passes at least
-LARGEST = 20.0  # times the noise: one stretch alone is no ridge
 OF_TIME, OF_TEMPERATURE, OF_INPUT, OF_SIZE, OF_SPEED = (
     "time",
     "temperature",
@@ -42,7 +42,6 @@ class MovingTone:
         sensor, axis: whose.
         follows: what, in words.
         low, high: between which frequencies it moves, Hz.
-        times: its power by that of the noise about it.
         probability: that something is there.
     """
 
@@ -51,7 +50,6 @@ class MovingTone:
     follows: str
     low: float
     high: float
-    times: float
     probability: float
 
 
@@ -61,13 +59,11 @@ class Ridge:
 
     Args:
         low, high: least and largest frequency, as shares of the sampling rate.
-        times: mean power by that of the noise.
         factor: logarithm of the Bayes factor of a tone, any ridge being as probable as another.
     """
 
     low: float
     high: float
-    times: float
     factor: float
 
 
@@ -96,13 +92,13 @@ def moving_tones(
     for channel, left in zip(observations.channels, residual, strict=True):
         if channel.derived or channel.sensor in floors:
             continue
-        signal = equalised(left)
+        signal, moving = equalised(left), channel.stop < 0
         followed = _followed(observations, channel, effects)
         ridges = {
             (name, length): ridge
             for name, u in followed.items()
             for length in LENGTHS
-            if (ridge := likeliest_ridge(signal, u, length)) is not None
+            if (ridge := likeliest_ridge(signal, u, moving, length)) is not None
         }
         if not ridges:
             continue
@@ -111,9 +107,7 @@ def moving_tones(
         if (chance := float(1 / (1 + np.exp(-odds)))) >= claim:
             rate = 1 / float(np.median(np.diff(channel.time)))
             low, high = ridge.low * rate, ridge.high * rate
-            found.append(
-                MovingTone(channel.sensor, channel.axis, name, low, high, ridge.times, chance)
-            )
+            found.append(MovingTone(channel.sensor, channel.axis, name, low, high, chance))
     return tuple(found)
 
 
@@ -134,47 +128,50 @@ def _followed(
     return {name: u for name, u in every.items() if np.ptp(u) > 0}
 
 
-def likeliest_ridge(signal: Array, u: Array, length: int) -> Ridge | None:
+def likeliest_ridge(signal: Array, u: Array, moving: Mask, length: int) -> Ridge | None:
     """The ridge that says most in the spectra of stretches; None where they are too few, or where
     what it follows stays as it is.
 
     Args:
         signal: (n,); u: what the frequency follows, (n,).
+        moving: rows at which the table moves, (n,).
         length: samples of a stretch.
     """
     starts = np.arange(0, len(signal) - length + 1, length // 2)
-    if len(starts) < FEWEST:
+    every = starts[:, None] + np.arange(length)
+    moves = moving[every].any(axis=1)
+    alike = [rows for rows in (every[~moves], every[moves]) if len(rows) >= FEWEST]
+    if not alike:
         return None
-    power = _powers(signal, starts, length)
-    count = power.shape[1]
-    sums = np.concatenate([[0.0], np.cumsum(u)])
-    mean = sums[starts + length] - sums[starts]
+    scores = np.concatenate([_scores(signal[rows]) for rows in alike])
+    mean = np.concatenate([u[rows].mean(axis=1) for rows in alike])
+    count = scores.shape[1]
     if not np.ptp(mean) > 0:
         return None
     share = (mean - mean.min()) / np.ptp(mean)
-    best, path = 0.0, np.zeros(len(starts), np.intp)
+    best, path = 0.0, np.zeros(len(scores), np.intp)
     for at in _paths(share, count):
-        along = power[np.arange(len(starts))[:, None], at].sum(axis=0)
+        along = scores[np.arange(len(scores))[:, None], at].sum(axis=0)
         k = int(np.argmax(along))
         if along[k] > best:
             best, path = float(along[k]), at[:, k]
     tried = 2 * (count - SLOWEST + 1) * count
-    factor = float(log_ridge(np.array([best]), len(starts))[0]) - float(np.log(tried))
+    factor = float(log_ridge(np.array([best]), len(scores))[0]) - float(np.log(tried))
     low, high = (float(k + 1) / length for k in (path.min(), path.max()))
-    return Ridge(low, high, best / len(starts), factor)
+    return Ridge(low, high, factor)
 
 
-def _powers(signal: Array, starts: Index, length: int) -> Array:
-    """Powers of stretches by the usual ones of their frequency and of their stretch, LARGEST at
-    most, without those of nothing and of half the sampling rate, (stretches, frequencies).
+def _scores(stretches: Array) -> Array:
+    """Powers of stretches, (k, length), by the usual one of each stretch, as the exponential scores
+    of their ranks at each frequency, (k, frequencies); without those of nothing and of half the
+    sampling rate.
     """
+    length = stretches.shape[1]
     window = np.hanning(length + 1)[:length]
-    rows = starts[:, None] + np.arange(length)
-    power = np.abs(np.fft.rfft(signal[rows] * window, axis=1)[:, 1:-1]) ** 2
-    power /= np.median(power, axis=0)
-    # the median of an exponential distribution is that share of its mean
-    power *= np.log(2) / np.median(power, axis=1)[:, None]
-    return np.minimum(power, LARGEST)
+    power = np.abs(np.fft.rfft(stretches * window, axis=1)[:, 1:-1]) ** 2
+    power /= np.median(power, axis=1)[:, None]
+    rank = np.argsort(np.argsort(power, axis=0), axis=0)
+    return np.asarray(-np.log1p(-(rank + 0.5) / len(power)))
 
 
 def _paths(share: Array, count: int) -> Iterator[Index]:
@@ -189,11 +186,11 @@ def _paths(share: Array, count: int) -> Iterator[Index]:
 
 
 def log_ridge(total: Array, count: int) -> Array:
-    """Logarithm of the Bayes factor of sums of powers with a tone in them, (n,): of exponential
-    ones, 1 + EXCESS times as large.
+    """Logarithm of the Bayes factor of sums of exponential scores with a tone in them, (n,): scores
+    that are 1 + EXCESS times as large.
 
     Args:
-        total: sums, (n,); count: of how many powers.
+        total: sums, (n,); count: of how many scores.
     """
     more = EXCESS[:, None]
     each = total * more / (1 + more) - count * np.log1p(more)

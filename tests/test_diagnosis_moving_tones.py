@@ -8,8 +8,8 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.stats import gamma
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.search.limited_residual import EXCESS, equalised
 from tiltcal.diagnosis.search.moving_tones import LENGTHS, likeliest_ridge, log_ridge
+from tiltcal.diagnosis.search.oscillations import EXCESS, equalised
 from tiltcal.statistics.cosine_transform import cosines
 from tiltcal.statistics.noise_spectrum import estimate_noise
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
@@ -105,7 +105,7 @@ def test_a_tone_that_slides_with_the_input_is_a_finding_without_a_name():
     assert found.verdict == "unlisted"
     (finding,) = found.findings
     assert (finding.effect, finding.axes, finding.where.coordinate) == (None, ("x",), "frequency")
-    assert (
-        "its own input, between" in finding.statement
-    )  # or its magnitude: it is folded at nothing
+    # or its magnitude: a ridge is folded at nothing
+    told = finding.statement
+    assert "its own input, between" in told
     assert not finding.parts

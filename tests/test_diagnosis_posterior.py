@@ -181,6 +181,17 @@ def test_shapes_of_one_place_share_its_prior(square):
         np.testing.assert_allclose(each, each[0])
 
 
+def test_half_of_a_name_with_a_textbook_form_is_that_form(square):
+    """A lag that hardly shows is no more probable than the law without it."""
+    hypotheses = square.whitened.hypotheses
+    prior = np.exp(log_priors(hypotheses))
+    own = [h.id == "acc_temp_scale" and h.effect.sensor == "accel" for h in hypotheses]
+    textbook = np.array([mine and h.alias is None for mine, h in zip(own, hypotheses, strict=True)])
+    curves = np.array(own) & ~textbook
+    assert curves.sum() > 10 * textbook.sum() > 0
+    assert prior[textbook].sum() == pytest.approx(prior[curves].sum())
+
+
 @pytest.mark.parametrize(
     ("time", "dear"),
     [(np.arange(100) / 10.0, True), (np.repeat(np.arange(20.0), 5), False), (np.zeros(1), False)],

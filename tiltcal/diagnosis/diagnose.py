@@ -2,7 +2,7 @@
 conclusions.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,9 +38,9 @@ from tiltcal.diagnosis.search.curve_misfit import largest_misfit
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.model_search import most_probable, settled
-from tiltcal.diagnosis.search.moving_tones import moving_tones
+from tiltcal.diagnosis.search.moving_tones import MovingTone, moving_tones
 from tiltcal.diagnosis.search.names import named, without_misfits
-from tiltcal.diagnosis.search.narrow_bands import narrow_bands
+from tiltcal.diagnosis.search.narrow_bands import NarrowBand, narrow_bands
 from tiltcal.diagnosis.search.random_settings import beside_random_settings, is_lawful
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
@@ -218,8 +218,6 @@ def _explained(
     remaining = laws(fitted)
     held = [k for k, law in enumerate(laws(state.fitted)) if any(law is one for one in remaining)]
     left = gate.left_by(fitted, state.whitened)
-    nothing = not (held or doubts)
-    rest = left.residual(fitted.effects) if nothing else []
     return Explained(
         normalise_tone_phase(fitted, prepared.observations),
         left,
@@ -228,10 +226,18 @@ def _explained(
         tuple(names[k] for k in held),
         tuple(chances[k] for k in held),
         slow_variations(left, CLAIM, floors),
-        narrow_bands(left, rest, CLAIM, floors) if nothing else (),
-        moving_tones(left, rest, fitted.effects, CLAIM, floors) if nothing else (),
+        *(((), ()) if held or doubts else _oscillations(left, fitted, floors)),
         doubts,
     )
+
+
+def _oscillations(
+    left: WhitenedModel, fitted: FittedModel, floors: Mapping[str, float]
+) -> tuple[tuple[NarrowBand, ...], tuple[MovingTone, ...]]:
+    """Bands with more power than noise, and tones whose frequency moves, in what a model leaves."""
+    rest = left.residual(fitted.effects)
+    tones = moving_tones(left, rest, fitted.effects, CLAIM, floors)
+    return narrow_bands(left, rest, CLAIM, floors), tones
 
 
 def _by_chance(

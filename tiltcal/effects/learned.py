@@ -241,9 +241,10 @@ class LearnedReading(Learned, SignalEffect):
         return 0 if self.axis == "a" else sense.axes.index("xyz".index(str(self.axis)))
 
     @property
-    def follows_own(self) -> bool:
-        """Whether the curve depends on the input of the channel that it adds to."""
-        return "input" in (self.coordinate, self.times)
+    def curve_id(self) -> tuple[object, ...]:
+        """As of any curve; one that follows the input of its channel is that channel's."""
+        own = self.axis if "input" in (self.coordinate, self.times) else None
+        return (self.sensor, own, *super().curve_id)
 
     def columns(self, sense: Sense) -> Array:
         """What one of each coefficient adds to that channel, (n, p)."""

@@ -94,17 +94,14 @@ class NominalMotion:
         """The curve of each coefficient of a learned effect at one, (n, p), without the input that
         it multiplies.
         """
-        read = effect if isinstance(effect, LearnedReading) and not effect.beside else None
-        where = (read.sensor, read.axis if read.follows_own else None) if read else None
-        key = (where, *effect.curve_id)
-        if self._curve is None or self._curve[0] != key:
-            if read:
-                name = str(read.sensor)
-                own = self.ideal[name][:, read.channel(self.sense[name])]
-                curve = Jet(read.curves(self.sense[name], own))
+        if self._curve is None or self._curve[0] != effect.curve_id:
+            if isinstance(effect, LearnedReading) and not effect.beside:
+                name = str(effect.sensor)
+                own = self.ideal[name][:, effect.channel(self.sense[name])]
+                curve = Jet(effect.curves(self.sense[name], own))
             else:
                 curve = effect.each_along(self.drive, self.responses.nominal.gravity_in_body)
-            self._curve = key, curve
+            self._curve = effect.curve_id, curve
         return self._curve[1]
 
     def answers(self, effect: Learned) -> Answers:

@@ -37,11 +37,11 @@ def _oscillations(bands: Sequence[NarrowBand], tones: Sequence[MovingTone]) -> I
     whose frequency moves, or else a band.
     """
     for sensor in dict.fromkeys([*(t.sensor for t in tones), *(b.sensor for b in bands)]):
-        if moving := _most_probable(tones, sensor):
-            yield _moving(sensor, _axes(moving), moving[0])
-        else:
-            steady = _most_probable(bands, sensor)
-            yield _band(sensor, _axes(steady), steady[0])
+        moving, steady = _most_probable(tones, sensor), _most_probable(bands, sensor)
+        axes = tuple(dict.fromkeys(one.axis for one in moving or steady))
+        where = f"{sensor} {', '.join(axes)}"
+        words = _moving(where, moving[0]) if moving else _steady(where, steady[0])
+        yield _nameless(sensor, axes, (moving or steady)[0].probability, *words, "frequency")
 
 
 Oscillation = TypeVar("Oscillation", NarrowBand, MovingTone)
@@ -52,32 +52,22 @@ def _most_probable(every: Sequence[Oscillation], sensor: str) -> list[Oscillatio
     return sorted((one for one in every if one.sensor == sensor), key=lambda one: -one.probability)
 
 
-def _axes(own: Sequence[NarrowBand | MovingTone]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(one.axis for one in own))
-
-
-def _band(sensor: str, axes: tuple[str, ...], first: NarrowBand) -> Finding:
-    return _nameless(
-        sensor,
-        axes,
-        first.probability,
-        f"An oscillation of {sensor} {', '.join(axes)} without a steady phase that no listed effect"
-        f" explains: between {first.low:.3g} and {first.high:.3g} Hz its power is"
-        f" {first.times:.2g} times that of the noise beside this band.",
+def _steady(where: str, band: NarrowBand) -> tuple[str, str]:
+    """What is said of a band, and what to record next."""
+    return (
+        f"An oscillation of {where} without a steady phase that no listed effect explains: between"
+        f" {band.low:.3g} and {band.high:.3g} Hz its power is {band.times:.2g} times that of the"
+        " noise beside this band.",
         "record at rest for as long, with the drives on and then off, to see what oscillates",
-        "frequency",
     )
 
 
-def _moving(sensor: str, axes: tuple[str, ...], first: MovingTone) -> Finding:
-    return _nameless(
-        sensor,
-        axes,
-        first.probability,
-        f"A tone of {sensor} {', '.join(axes)} whose frequency follows {first.follows}, between"
-        f" {first.low:.3g} and {first.high:.3g} Hz: no listed effect has this form.",
-        f"record where {first.follows} changes in another way, to see the tone follow it",
-        "frequency",
+def _moving(where: str, tone: MovingTone) -> tuple[str, str]:
+    """What is said of a tone whose frequency moves, and what to record next."""
+    return (
+        f"A tone of {where} whose frequency follows {tone.follows}, between {tone.low:.3g} and"
+        f" {tone.high:.3g} Hz: no listed effect has this form.",
+        f"record where {tone.follows} changes in another way, to see the tone follow it",
     )
 
 

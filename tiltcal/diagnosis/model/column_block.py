@@ -108,7 +108,7 @@ class ColumnBlock:
         counts = np.diff(starts, append=self.used)
         single = np.zeros(self.used)
         waves, power = self.waves, weight * weight
-        room = np.empty((max(AT_ONCE, *counts.tolist(), 0), len(weight)), np.float32)
+        room = np.empty((max(AT_ONCE, int(counts.max(initial=0))), len(weight)), np.float32)
         for first in range(0, self.used, AT_ONCE):
             part = waves[first : first + AT_ONCE]
             single[first : first + AT_ONCE] = np.square(part, out=room[: len(part)]) @ power

@@ -25,7 +25,7 @@ from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.diagnosis.search.state import State
 from tiltcal.diagnosis.search.transients import transients
-from tiltcal.effects.learned import Learned, LearnedReading
+from tiltcal.effects.learned import Learned
 from tiltcal.effects.spans import SpectralLines
 
 OFTEN = 50  # hypotheses between words on progress
@@ -67,10 +67,8 @@ def _equal_together(curves: Iterable[Hypothesis]) -> Iterator[Hypothesis]:
     """Curves, equal ones together: in whatever places they act, they are worked out once."""
     alike: dict[tuple[object, ...], list[Hypothesis]] = {}
     for curve in curves:
-        effect = curve.effect
-        assert isinstance(effect, Learned)
-        where = effect.sensor if isinstance(effect, LearnedReading) else None
-        alike.setdefault((where, *effect.curve_id), []).append(curve)
+        assert isinstance(curve.effect, Learned)
+        alike.setdefault(curve.effect.curve_id, []).append(curve)
     return chain.from_iterable(alike.values())
 
 

@@ -1,5 +1,5 @@
 """A whitened residual in time, behind a limiter, and the noise about each of its rows: gross values
-and bursts of noise pass for no signal. What looks for oscillations in it shares their prior.
+and bursts of noise pass for no signal.
 """
 
 import numpy as np
@@ -9,9 +9,6 @@ from tiltcal.statistics.cosine_transform import inverse_cosines
 
 FAR = 4.0  # sigma: a reading that is farther off counts as that
 AROUND = 64  # rows at least that tell the noise about one
-ROWS = 256  # that tell it where oscillations are looked for
-EXCESS = 10.0 ** np.arange(-2, 2.5, 0.5)
-"""Power of an oscillation, in that of the noise: each as probable as another."""
 
 
 def limited(residual: Array) -> Array:
@@ -31,11 +28,3 @@ def noise_about(left: Array, width: int = AROUND) -> Array:
     white = np.diff(left, 2) ** 2 / 6
     near = uniform_filter1d(np.pad(white, 1, mode="edge"), max(width, AROUND))
     return np.asarray(np.maximum(near, 1.0))
-
-
-def equalised(residual: Array) -> Array:
-    """A residual in time, behind the limiter, in units of the noise about each row, (n,). residual:
-    cosine coefficients in units of the noise, (n,).
-    """
-    left = limited(residual)
-    return np.asarray(left / np.sqrt(noise_about(left, ROWS)))

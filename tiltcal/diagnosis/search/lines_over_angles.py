@@ -1,4 +1,4 @@
-"""Lines in the residual over an angle: of the table, of a reading's own input, or temperature."""
+"""Lines in the residual over a table angle, a reading's own input, or temperature."""
 
 from collections.abc import Mapping
 

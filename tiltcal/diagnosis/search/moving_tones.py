@@ -17,8 +17,7 @@ from scipy.special import logsumexp
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.limited_residual import EXCESS, equalised
-from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED
+from tiltcal.diagnosis.search.oscillations import EXCESS, equalised, probability, searched
 from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_coordinates import coordinate_of
 
@@ -74,26 +73,19 @@ def moving_tones(
     claim: float,
     floors: Mapping[str, float],
 ) -> tuple[MovingTone, ...]:
-    """Of each channel the tone that says most, where it is there with at least this probability;
-    none by hand.
+    """Of each channel the tone that says most, where it is there with at least this probability.
 
     Args:
         whitened: the noise that a model leaves.
         residual: of it, cosine coefficients in units of the noise, (n,) each.
         effects: of the model.
         claim: probability from which one is told.
-        floors: sensors with coarse codes, which oscillate with the input: none of them is told.
+        floors: see ``searched``.
     """
-    observations = whitened.observations
-    if not observations.courses:
-        return ()
-    prior = float(np.log(SOMETHING * UNLISTED / len(observations.channels)))
     found = []
-    for channel, left in zip(observations.channels, residual, strict=True):
-        if channel.derived or channel.sensor in floors:
-            continue
-        signal, moving = equalised(left), channel.stop < 0
-        followed = _followed(observations, channel, effects)
+    for k, channel in searched(whitened, floors):
+        signal, moving = equalised(residual[k]), channel.stop < 0
+        followed = _followed(whitened.observations, channel, effects)
         ridges = {
             (name, length): ridge
             for name, u in followed.items()
@@ -103,8 +95,8 @@ def moving_tones(
         if not ridges:
             continue
         (name, _), ridge = max(ridges.items(), key=lambda each: each[1].factor)
-        odds = prior + ridge.factor - float(np.log(len(ridges)))
-        if (chance := float(1 / (1 + np.exp(-odds)))) >= claim:
+        factor = ridge.factor - float(np.log(len(ridges)))
+        if (chance := probability(factor, whitened)) >= claim:
             rate = 1 / float(np.median(np.diff(channel.time)))
             low, high = ridge.low * rate, ridge.high * rate
             found.append(MovingTone(channel.sensor, channel.axis, name, low, high, chance))

@@ -15,8 +15,7 @@ from scipy.special import logsumexp
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.limited_residual import EXCESS, equalised
-from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED
+from tiltcal.diagnosis.search.oscillations import EXCESS, equalised, probability, searched
 from tiltcal.statistics.cosine_transform import cosines
 
 NARROWEST = 16  # cosine coefficients: fewer are a tone
@@ -49,27 +48,19 @@ def narrow_bands(
     claim: float,
     floors: Mapping[str, float],
 ) -> tuple[NarrowBand, ...]:
-    """Of each channel the band that says most, where it is there with at least this probability;
-    none by hand, where a hand trembles at no steady frequency.
+    """Of each channel the band that says most, where it is there with at least this probability.
 
     Args:
         whitened: the noise that a model leaves.
         residual: of it, cosine coefficients in units of the noise, (n,) each.
         claim: probability from which one is told.
-        floors: sensors with coarse codes, which oscillate with the input: none of them is told.
+        floors: see ``searched``.
     """
-    observations = whitened.observations
-    if not observations.courses:
-        return ()
-    prior = float(np.log(SOMETHING * UNLISTED / len(observations.channels)))
     found = []
-    for channel, left, root in zip(observations.channels, residual, whitened.roots, strict=True):
-        if channel.derived or channel.sensor in floors:
-            continue
-        first, width, times, factor = _likeliest(left, root)
-        chance = float(1 / (1 + np.exp(-(factor + prior))))
-        if chance >= claim:
-            step = 1 / (2 * len(left) * float(np.median(np.diff(channel.time))))
+    for k, channel in searched(whitened, floors):
+        first, width, times, factor = _likeliest(residual[k], whitened.roots[k])
+        if (chance := probability(factor, whitened)) >= claim:
+            step = 1 / (2 * len(residual[k]) * float(np.median(np.diff(channel.time))))
             low, high = first * step, (first + width) * step
             found.append(NarrowBand(channel.sensor, channel.axis, low, high, times, chance))
     return tuple(found)

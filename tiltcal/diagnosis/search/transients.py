@@ -109,11 +109,10 @@ def _powers(
     n, step = len(time), float(np.median(np.diff(time)))
     left = limited(residual)
     again = inverse_cosines(cosines(left) / root)
-    longest = int(max((c.duration for c in courses), default=0.0) / step) + 3
-    length = next_fast_len(n + longest, real=True)
+    sampled = [course.sampled(step) for course in courses]
+    length = next_fast_len(n + max((len(v) for v, _ in sampled), default=0), real=True)
     transformed = rfft(again, length)
-    for course in courses:
-        values, peak = course.sampled(step)
+    for values, peak in sampled:
         middle = np.zeros(n)
         start = (n - len(values)) // 2
         middle[start : start + len(values)] = values

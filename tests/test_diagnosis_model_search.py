@@ -8,19 +8,36 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten, tumble
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.column_products import ColumnProducts
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
-from tiltcal.diagnosis.search.claimed_causes import CLAIM, believed, probability_of
+from tiltcal.diagnosis.search.claimed_causes import (
+    CLAIM,
+    _beside_neighbours,
+    _without,
+    believed,
+    probability_of,
+)
 from tiltcal.diagnosis.search.dictionary import build_dictionary
-from tiltcal.diagnosis.search.model_search import most_probable
+from tiltcal.diagnosis.search.explanation import explain
+from tiltcal.diagnosis.search.model_search import _exchanged, most_probable, proposals
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.names import named
 from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
 from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.state import Cause, State, repriced, without
+from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
+from tiltcal.diagnosis.search.state import (
+    Cause,
+    Proposal,
+    State,
+    laws,
+    repriced,
+    with_new,
+    without,
+)
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.effects.spans import SpectralLines
@@ -123,6 +140,54 @@ def test_a_model_costs_the_same_when_it_is_weighed_again(square):
     assert repriced(state, state.whitened).cost == pytest.approx(state.cost, abs=0.1)
 
 
+def test_a_line_is_no_more_probable_than_it_stands_out_of_its_neighbours():
+    """Six tones within an octave: to the cost of a model each is what it explains of the noise."""
+    tone = {"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 2500.0}
+    tones = [{**tone, "frequency_hz": f} for f in (2.1, 2.3, 2.5, 2.7, 2.9, 3.1)]
+    found = prepared(*tones)
+    lines = spectral_lines_of(found.observations, found.start)
+    build_dictionary(found.whitened, found.start, lines)
+    nothing = empty(found)
+    every = proposals(nothing.fitted, nothing.whitened, Scan(nothing.whitened))
+    line = next(p for p in every if p.explanation.hypothesis.line_hz)
+    state = with_new(nothing, line)
+    assert nothing.fitted.deviance - state.fitted.deviance > 1.3 * line.explanation.gain
+    odds = line.score
+    assert _beside_neighbours(state, 0) == pytest.approx(1 / (1 + np.exp(-odds)), abs=1e-3)
+    doubtful = replace(state, causes=(replace(state.causes[0], prior=line.prior - odds),))
+    assert _beside_neighbours(doubtful, 0) == pytest.approx(0.5, abs=0.05)
+    other = next(p for p in every if not p.explanation.hypothesis.line_hz)
+    assert _beside_neighbours(with_new(nothing, other), 0) == 1
+
+
+def test_a_curve_is_exchanged_for_one_over_another_coordinate():
+    """A curve over time gives way to that over temperature, at the same place."""
+    drift = {"id": "acc_temp_bias", "sensor": "accel", "temp_bias_x_ug_degC": 100.0}
+    found = prepared(drift)
+    warm, late = (curve_over(LearnedReading, c, 1, **PROPORTIONAL) for c in ("temperature", "time"))
+    whitened = found.whitened.alone([warm, late], found.start.effects)
+    state = with_new(
+        State(refit(found.start, whitened), whitened), proposal_of(late, found, whitened)
+    )
+    other = _exchanged(state, [0], Scan(whitened))
+    assert other.cost < state.cost
+    assert laws(other.fitted) == [warm]
+
+
+def test_what_cannot_be_without_a_cause_goes_with_it():
+    """Of readings that are early a low-pass alone would have a negative time constant."""
+    early = {"id": "data_latency", "sensor": "accel", "latency_ms": -8.0}
+    found = prepared(early)
+    build_dictionary(found.whitened, found.start, SpectralLines())
+    listed = {h.id: h for h in found.whitened.hypotheses}
+    state = stated(found, listed["data_latency"], listed["acc_bandwidth"])
+    kept, rest = _without(state, {0, 1}, {0}, GATE)
+    assert kept == frozenset()
+    assert np.isfinite(rest.cost)
+    kept, rest = _without(state, {0, 1}, {1}, GATE)
+    assert kept == {0}
+
+
 def test_probabilities_of_names_sum_to_one(square):
     _, state = square
     state, (names,) = named(state, Scan(state.whitened))
@@ -138,7 +203,16 @@ def following(coordinate, id, lag=0.0):
     effect = LearnedReading(
         {"c0": 1e-3}, "accel", "x", "found", coordinate=coordinate, lag=lag, power=1.0, odd=True
     )
-    return Hypothesis(effect, names, 1, id)
+    return Hypothesis(effect, names, id)
+
+
+PROPORTIONAL = {"sensor": "accel", "axis": "x", "power": 1.0, "odd": True}
+
+
+def proposal_of(hypothesis, found, whitened):
+    """A hypothesis as an explanation of what the scenario leaves."""
+    told = explain(whitened.hypotheses.index(hypothesis), found.start, whitened)
+    return Proposal(told, float(log_priors([hypothesis])[0]))
 
 
 @pytest.mark.parametrize(("further", "share"), [(0, 1 / 2), (1, 1 / 3), (3, 1 / 5)])

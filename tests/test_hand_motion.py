@@ -7,6 +7,7 @@ from tiltcal.core.units import DEG
 from tiltcal.laboratory.hand_motion import HandMotion, smoothed_readings
 from tiltcal.laboratory.handheld import predicted_readings
 from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.laboratory.smoothing import smoothed
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.penalised_spline import most_probable_course
 
@@ -157,3 +158,15 @@ def test_missing_readings_and_a_slower_fog_are_no_obstacle():
     found = smoothed_readings(scenario(), thinned, ())
     assert off(found["fog"][:, 0], fog, FOG) < 0.7
     assert off(found["gyro"], gyro, GYRO) < 0.4
+
+
+def test_a_quartic_is_smoothed_to_itself_at_uneven_stamps():
+    """Of a motion whose fifth derivative is nothing no window leaves anything, whatever the gaps
+    between its samples.
+    """
+    rng = np.random.default_rng(4)
+    time = 0.02 * np.arange(300) + rng.uniform(-0.004, 0.004, 300)
+    course = np.column_stack([1 + time - 3 * time**2, 0.2 * time**4 - time**3])
+    found = smoothed(time, course, np.full(300, -1))
+    inside = slice(15, -15)
+    np.testing.assert_allclose(found[inside], course[inside], rtol=0, atol=1e-9)

@@ -13,7 +13,7 @@ from tiltcal.core.frames import rotation
 from tiltcal.core.units import G0
 from tiltcal.effects import make_effect
 from tiltcal.effects.catalogue import to_file
-from tiltcal.effects.hysteresis_and_lag import first_order_lag
+from tiltcal.effects.hysteresis_and_lag import first_order_lag, play
 from tiltcal.effects.mechanisms import Context
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.setup.trajectory import Jet
@@ -688,6 +688,46 @@ def test_a_force_is_forgotten_with_its_lag():
     np.testing.assert_allclose(
         added(effect)[:, 0], 1e-4 * first_order_lag(T, force, 5.0), atol=1e-12
     )
+
+
+@pytest.mark.parametrize("per_input", [False, True])
+def test_power_warms_late(per_input):
+    """2e-5 times the late square of f_z on x, and as a scale factor of x: of a force that turns to
+    and fro the late square is not the square of the late force.
+    """
+    heat = learned(
+        "accel",
+        "x",
+        coordinate="force_z",
+        power=2.0,
+        lag_s=5.0,
+        per_input=per_input,
+        coefficients=[2e-5],
+    )
+    force = read_poses(SETUP, lively())["accel"]
+    warm = 2e-5 * first_order_lag(T, force[:, 2] ** 2, 5.0)
+    assert np.abs(first_order_lag(T, force[:, 2], 5.0) ** 2 - warm / 2e-5).max() > 1
+    by_hand = warm * force[:, 0] if per_input else warm
+    np.testing.assert_allclose(added(heat)[:, 0], by_hand, atol=1e-12)
+
+
+def test_a_scale_factor_may_follow_a_play():
+    """Even over the state of a play of 4 m/s2: 1e-3 where it is at either end, nothing between."""
+    loop = learned(
+        "accel",
+        "y",
+        coordinate="force_z",
+        play=4.0,
+        per_input=True,
+        knots=[-1.0, 0.0, 1.0],
+        coefficients=[1e-3, 0.0, 1e-3],
+    )
+    force = read_poses(SETUP, lively())["accel"]
+    ended = np.abs(play(force[:, 2], 4.0)) == 1
+    assert 0.2 < ended.mean() < 0.95
+    change = added(loop)[:, 1] / force[:, 1]
+    np.testing.assert_allclose(change[ended], 1e-3, atol=1e-12)
+    assert change[~ended].min() < 5e-4
 
 
 def test_braking_is_the_fall_of_the_speed():

@@ -51,8 +51,8 @@ class Learned(Effect):
         period: of the first harmonic, 0 for a turn; of a spline that begins anew at its first knot,
             0 for none.
         beside: another table angle: products of the harmonics of both, up to the third of each.
-        lag: time constant, s, by which the coordinate is felt late; of a table angle, and of a
-            readout or a frame that follows the table's motion, the curve is late.
+        lag: time constant, s, by which the coordinate is felt late; of a table angle, of a square
+            or cube, and of a readout or a frame that follows the table's motion, the curve is late.
         relaxing: with such a late curve, whether what is left of it is felt: the late curve less
             that of now.
         play: width of a play, SI: the curve follows its state, in [-1, 1], as the coordinate moves
@@ -233,8 +233,10 @@ class LearnedReading(Learned, SignalEffect):
 
     @property
     def _late_curve(self) -> bool:
-        """Whether the curve is late and not what it follows: an angle goes on after a turn."""
-        return self.lag > 0 and axis_of(self.coordinate) is not None
+        """Whether the curve is late and not what it follows: an angle goes on after a turn, and
+        what warms is the power of a current.
+        """
+        return self.lag > 0 and (axis_of(self.coordinate) is not None or self.power > 1)
 
     def channel(self, sense: Sense) -> int:
         """Number of the channel it adds to."""

@@ -1,6 +1,7 @@
 """Readings of a hand-turned sensor without most of their noise, and without gaps."""
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tiltcal.core.arrays import Array, Index
 from tiltcal.recordings.recording import Recording
@@ -16,7 +17,8 @@ def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None)
     y = bridged(sensor, motion)
     if sensor.kind != "gyro":
         return y
-    return smoothed(y, (stops_of(motion) if stop is None else stop)[samples.rows])
+    stop = stops_of(motion) if stop is None else stop
+    return smoothed(samples.time, y, stop[samples.rows])
 
 
 # of what is left by the shortest window: a longer one that leaves more has cut into the motion
@@ -26,37 +28,50 @@ LEVEL = 1.03
 HALF_WINDOWS = (3, 4, 5, 6, 8, 10, 12, 15)  # samples
 
 
-def smoothed(values: Array, stop: Index) -> Array:
+def smoothed(time: Array, values: Array, stop: Index) -> Array:
     """Rates of a hand-held body without most of their noise, (m, k): local quartics while moving,
     means at rest.
 
     The window is the longest that leaves no more of any channel than the shorter ones do (their
     residual is noise only).
+
+    Args:
+        time: s, increasing, (m,); values: (m, k).
+        stop: number of the dwell of each, -1 while moving, (m,).
     """
     if len(values) < 4 * HALF_WINDOWS[-1]:
         return values
     found = values.copy()
+    trials = [_quartics(time, values, half) for half in HALF_WINDOWS]
     for k in range(values.shape[1]):
-        trials = [_quartic(values[:, k], half) for half in HALF_WINDOWS]
         left = np.array(
-            [np.std(values[:, k] - smooth) / np.sqrt(1 - own) for smooth, own in trials]
+            [np.std(values[:, k] - smooth[:, k]) / np.sqrt(1 - own) for smooth, own in trials]
         )
         good = [j for j in range(len(left)) if left[j] <= LEVEL * left[: j + 1].min()]
-        found[:, k] = trials[max(good)][0]
+        found[:, k] = trials[max(good)][0][:, k]
     for number in range(int(stop.max(initial=-1)) + 1):
         there = stop == number
         found[there] = values[there].mean(axis=0)
     return found
 
 
-def _quartic(u: Array, half: int) -> tuple[Array, float]:
-    """Local quartic fit over 2 half + 1 samples, (m,), and the weight of a sample in its own
-    value.
+def _quartics(time: Array, values: Array, half: int) -> tuple[Array, float]:
+    """Local quartic fits over 2 half + 1 samples, (m, k), and the weight of a sample in its own
+    value, on average. time: (m,); values: (m, k).
     """
-    k = np.arange(-half, half + 1)
-    weights = np.linalg.pinv(np.vander(k, 5, increasing=True))[0]
-    padded = np.pad(u, half, mode="reflect", reflect_type="odd")
-    return np.convolve(padded, weights[::-1], mode="valid"), float(weights[half])
+
+    def windows(each: Array) -> Array:
+        padded = np.pad(each, half, mode="reflect", reflect_type="odd")
+        return sliding_window_view(padded, 2 * half + 1)
+
+    since = windows(time) - time[:, None]
+    powers = (since / np.abs(since).max())[:, :, None] ** np.arange(5)
+    gram = np.einsum("mwi,mwj->mij", powers, powers)
+    along = np.stack([np.einsum("mwi,mw->mi", powers, windows(y)) for y in values.T], axis=2)
+    at_middle = np.zeros((len(time), 5, 1))
+    at_middle[:, 0] = 1.0
+    weights = np.linalg.solve(gram, at_middle)[:, :, 0]
+    return np.einsum("mi,mik->mk", weights, along), float(weights[:, 0].mean())
 
 
 def bridged(sensor: Sensor, motion: Recording) -> Array:

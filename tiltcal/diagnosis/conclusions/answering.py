@@ -19,7 +19,7 @@ from tiltcal.diagnosis.conclusions.resimulation import resimulate
 from tiltcal.diagnosis.conclusions.statements import doubted, not_reproduced, summary, untold
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.prepare import PreparedData
-from tiltcal.diagnosis.model.channel_noise import models, noise_under, shift_bias_to_start
+from tiltcal.diagnosis.model.channel_noise import noise_under, shift_bias_to_start
 from tiltcal.diagnosis.model.cross_validation import heldout_residuals
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel
@@ -72,7 +72,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     observations, faults = prepared.observations, [*prepared.faults, *said.chance]
     before = refit(prepared.start, whitened) if fitted.terms else fitted
     white = under_fixed_white(prepared.start, whitened)
-    first, last = _fits(before, fitted, white, whitened, gate)
+    first, last = _fits(before, fitted, white, said.whitened, gate)
     left = observations.residuals(fitted.effects)
     groups, laws = fitted.findings(), laws_of(fitted, observations, left)
     found = findings_of(said, whitened, log_p)
@@ -95,7 +95,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
         told,
         findings,
         (*prepared.notes, f"the noise was taken from {source}", *noise.notes, *doubt),
-        undetectable_of(fitted, whitened),
+        undetectable_of(fitted, said.whitened),
         first,
         last,
         noise,
@@ -148,7 +148,7 @@ def _fits(
     gate: NoiseGate,
 ) -> tuple[Fitness, Fitness]:
     """The figures of the scenario as it is and of the amended one, by one measure; the likelihood
-    of each is under its own noise, fitted to it.
+    of each is under the most probable noise that it leaves.
     """
     own = gate.left_by(before, whitened)
     first = fitness_of(before, white, own.noise)
@@ -156,7 +156,7 @@ def _fits(
     if first.log_likelihood is not None:
         at = fitness_of(alone, white, own.noise).log_likelihood
         first = replace(first, log_likelihood=at)
-    return first, fitness_of(fitted, white, models(gate.noise(fitted, whitened)))
+    return first, fitness_of(fitted, white, whitened.noise)
 
 
 def _as_read(amended: Mapping[str, Any], scenario: Scenario, lost: bool) -> Scenario:

@@ -76,7 +76,6 @@ def _finding(
     law = whole_law(fitted, whitened, places, removed)
     sensors, axes = strongest(removed.signal, observations)
     sizes = sum(len(fitted.terms[k].names) for k in places)
-    gain = sum(float(t @ t) for t in removed.target) - fitted.deviance
     scenario = observations.scenario
     unnamed = Finding(
         effect=None,
@@ -92,7 +91,7 @@ def _finding(
         ),
         parts=parts_of(fitted, places, law, observations),
         p_value=float(np.exp(log_p)),
-        delta_bic=price_of(whitened) * sizes - gain,
+        delta_bic=price_of(whitened) * sizes - removed.gain,
         heldout_gain=heldout_gain(fitted, whitened, places),
         rivals=names.rivals,
         name_probability=names.probability,

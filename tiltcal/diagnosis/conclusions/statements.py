@@ -128,6 +128,8 @@ IN_WORDS = {
 def _followed(effect: Learned) -> str:
     """The coordinate of a curve in words."""
     what = IN_WORDS.get(effect.coordinate, _along_body(effect.coordinate))
+    if effect.power == 2 and not effect.odd:
+        what = f"the square of {what}"
     if axis := axis_of(effect.coordinate):
         what = f"the {axis} angle"
     return f"{what} times the {axis_of(effect.beside)} angle" if effect.beside else what

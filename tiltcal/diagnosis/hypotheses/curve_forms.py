@@ -18,11 +18,10 @@ def curve_over(
     Args:
         cls: where it acts; coordinate: what it follows.
         basis: its knots, or how many coefficients it has.
-        where: fields of the effect; ``variants``: of how many forms it is one.
+        where: fields of the effect.
     """
     knots = () if isinstance(basis, int) else basis
     names = tuple(f"c{k}" for k in range(basis if isinstance(basis, int) else len(basis)))
-    variants = where.pop("variants", 1)
     effect = cls(
         dict.fromkeys(names, 1e-6),
         where.pop("sensor", None),
@@ -32,19 +31,15 @@ def curve_over(
         knots=knots,
         **where,
     )
-    return Hypothesis(effect, names, variants)
+    return Hypothesis(effect, names)
 
 
-def proportional(curve: Hypothesis, variants: int = 1, alias: str | None = None) -> Hypothesis:
+def proportional(curve: Hypothesis, alias: str | None = None) -> Hypothesis:
     """What is in proportion to the coordinate of a curve, in its place."""
     effect = curve.effect
     assert isinstance(effect, Learned)
-    return Hypothesis(
-        replace(effect, values={"c0": 1e-6}, knots=(), power=1.0, odd=True),
-        ("c0",),
-        variants,
-        alias,
-    )
+    line = replace(effect, values={"c0": 1e-6}, knots=(), power=1.0, odd=True)
+    return Hypothesis(line, ("c0",), alias)
 
 
 def odd_curve(curve: Hypothesis) -> Hypothesis:

@@ -86,7 +86,7 @@ def _settling(turn: str, span: CoordinateRanges) -> Iterator[Hypothesis]:
     where: dict[str, Any] = {"slot": "base", "turn": turn, "place": "environment"}
     for lag in lags if (alias := _named("base", "time")) else ():
         late = curve_over(LearnedTilt, "time", 1, lag=lag, relaxing=True, **where)
-        yield proportional(late, len(lags), alias)
+        yield proportional(late, alias)
 
 
 def _named(slot: str, coordinate: str) -> str | None:
@@ -107,7 +107,7 @@ def _late_tilts(span: CoordinateRanges) -> Iterator[Hypothesis]:
             )
             yield _late(tilt, cls.id)
             if lag:  # without, that is the law itself
-                yield proportional(tilt, len(LAGS), cls.id)
+                yield proportional(tilt, cls.id)
 
 
 def _reading_curves(
@@ -236,11 +236,11 @@ def _late_laws(
             )
             yield _late(late, name)
             if lag and on_table:  # by hand, in few poses, every law of temperature bends
-                yield proportional(late, len(LAGS), name)
+                yield proportional(late, name)
 
 
 def _late(curve: Hypothesis, alias: str) -> Hypothesis:
     """A law of temperature that is felt late and may bend: nothing at the middle of the range, as
     the law has nothing at T0.
     """
-    return replace(odd_curve(curve), variants=len(LAGS), alias=alias)
+    return replace(odd_curve(curve), alias=alias)

@@ -22,7 +22,6 @@ class Hypothesis:
     Args:
         effect: the effect at plausible sizes.
         names: bare names of the sizes.
-        variants: how many shapes of it are tried: they pay for it.
         alias: catalogue id of a curve that is a known law without a known form.
         odds: natural logarithm of the odds of its shape against an unlisted law of that shape; of a
             transient, of its place among all that were looked at.
@@ -30,7 +29,6 @@ class Hypothesis:
 
     effect: Effect
     names: tuple[str, ...]
-    variants: int = 1
     alias: str | None = None
     odds: float = 0.0
 
@@ -133,7 +131,6 @@ def _hypothesis(
     sensor: Sensor | None,
     axis: str | None,
     shapes: Mapping[str, float] | None = None,
-    variants: int = 1,
     role: str = "found",
 ) -> Hypothesis:
     bound = sensor if cls.kinds else None
@@ -144,7 +141,7 @@ def _hypothesis(
         for n, p in cls.sizes_on(axes, scenario.rig).items()
     }
     effect = cls({**plausible, **(shapes or {})}, bound.name if bound else None, axis, role)
-    return Hypothesis(effect, tuple(plausible), variants)
+    return Hypothesis(effect, tuple(plausible))
 
 
 def listed_hypotheses(
@@ -164,9 +161,8 @@ def listed_hypotheses(
         if issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing":
             sensors = (*sensors, None) if scenario.rig.axes else sensors
         for sensor, axis in product(sensors, cls.axes_on(scenario.rig)):
-            shapes = cls.shapes(span)
-            for shape in shapes:
-                hypothesis = _hypothesis(cls, scenario, sensor, axis, shape, len(shapes))
+            for shape in cls.shapes(span):
+                hypothesis = _hypothesis(cls, scenario, sensor, axis, shape)
                 if hypothesis.place not in nuisance:
                     yield replace(hypothesis, odds=cls.shape_odds(shape, span))
 
@@ -198,23 +194,18 @@ def step_hypotheses(scenario: Scenario, times: Sequence[Instant]) -> Iterator[Hy
             continue
         for sensor in scenario.sensors(*cls.kinds) if cls.kinds else (None,):
             for time in times:
-                step = _hypothesis(cls, scenario, sensor, None, {}, max(len(times), 1))
+                step = _hypothesis(cls, scenario, sensor, None)
                 yield replace(step, effect=time.date(step.effect))
 
 
 CREEPS = (0.5, 1.5, 4.0, 10.0, 25.0, 60.0)  # s
 
 
-def steps_at(scenario: Scenario, time: Instant, tried: int) -> Iterator[Hypothesis]:
-    """Every effect that may have begun at an instant, at once or creeping on; tried: how many
-    instants were looked at.
-    """
+def steps_at(scenario: Scenario, time: Instant) -> Iterator[Hypothesis]:
+    """Every effect that may have begun at an instant, at once or creeping on."""
     for step in step_hypotheses(scenario, (time,)):
-        yield replace(step, variants=tried)
+        yield step
         if step.is_step:
             for creep in CREEPS:
-                yield Hypothesis(
-                    with_values(step.effect, {**step.effect.values, "creep": creep}),
-                    step.names,
-                    tried * len(CREEPS),
-                )
+                late = with_values(step.effect, {**step.effect.values, "creep": creep})
+                yield Hypothesis(late, step.names)

@@ -6,7 +6,6 @@ every fading memory is approximated (Boyd and Chua 1985; Brokate and Sprekels 19
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -35,7 +34,8 @@ SHOWN = 2.0  # times a time constant of cooling that a recording has to last
 TURNS = (0.5 * DEG, 10 * DEG, 45 * DEG)  # rad, of a play; the first tells the direction
 WOUND = (10 * DEG, 45 * DEG)  # rad, of what winds up before it slips
 PLAYED = tuple(np.linspace(-1.0, 1.0, 5))  # knots over the state of a play
-LOADS = (0.02 * G0, 0.3 * G0, 1.0 * G0)  # m/s2, of a play
+EVEN = (-1.0, 0.0, 1.0)  # the least knots of a curve over it that may be even
+LOADS = (0.05 * G0, 0.2 * G0, 0.7 * G0)  # m/s2, of a play: widths between are refined
 COUNTS = (2, 3, 4, 5)  # of moves after which a law begins anew
 
 
@@ -59,23 +59,18 @@ def motion_of_readings(
     for coordinate, lag in product(inputs, MEMORIES):
         if knots := even_knots(coordinate, span, 3):
             late = curve_over(LearnedReading, coordinate, knots, lag=lag, **where)
-            yield replace(odd_curve(late), variants=len(MEMORIES))
-            yield proportional(late, len(MEMORIES))
-            yield curve_over(
-                LearnedReading,
-                coordinate,
-                even_knots(coordinate, span, 5),
-                lag=lag,
-                variants=len(MEMORIES),
-                **where,
-            )
+            yield odd_curve(late)
+            yield proportional(late)
+            bent = even_knots(coordinate, span, 5)
+            yield curve_over(LearnedReading, coordinate, bent, lag=lag, **where)
     yield from _scales(rig, span, where)
+    yield from _scales_by_inputs(sensor, inputs, span, where)
+    yield from _squares(sensor, inputs, span, where)
     for name, lag in product(rig.kind.turning, MEMORIES):
         if even_knots(angle_channel(name), span, 2):
-            late = curve_over(LearnedReading, angle_channel(name), harmonics(3), lag=lag, **where)
-            yield replace(late, variants=len(MEMORIES))
+            yield curve_over(LearnedReading, angle_channel(name), harmonics(3), lag=lag, **where)
     for coordinate, travel in product([c for c in inputs if c.startswith("force")], LOADS):
-        yield _played(LearnedReading, coordinate, travel, len(LOADS), where)
+        yield _played(LearnedReading, coordinate, travel, where)
     if knots := even_knots("braking", span, 7):
         yield curve_over(LearnedReading, "braking", knots, **where)
 
@@ -84,12 +79,48 @@ def _scales(rig: Rig, span: CoordinateRanges, where: dict[str, Any]) -> Iterator
     """Scale factors of a channel that follow the motion: what loads its supply, what wears."""
     for lag in (0.0, *MEMORIES) if even_knots("speed", span, 2) else ():
         scale = curve_over(LearnedReading, "speed", 1, lag=lag, per_input=True, **where)
-        yield proportional(scale, 1 + len(MEMORIES))
+        yield proportional(scale)
     if knots := even_knots("moves", span, 5):
         yield curve_over(LearnedReading, "moves", knots, per_input=True, **where)
+    if knots := spread_knots("since_move", span):
+        yield curve_over(LearnedReading, "since_move", knots, per_input=True, **where)
     for name in rig.kind.turning:
         if even_knots(angle := angle_channel(name), span, 2):
             yield curve_over(LearnedReading, angle, harmonics(3), per_input=True, **where)
+
+
+def _scales_by_inputs(
+    sensor: Sensor, inputs: Sequence[str], span: CoordinateRanges, where: dict[str, Any]
+) -> Iterator[Hypothesis]:
+    """Scale factors of a channel that follow what the sensor felt before: late, or by the state of
+    a play, whose curve may be even.
+    """
+    kind = "force" if sensor.is_accelerometer else "rate"
+    felt = [c for c in inputs if c.startswith(kind) and even_knots(c, span, 2)]
+    for coordinate, lag in product(felt, MEMORIES):
+        late = curve_over(LearnedReading, coordinate, 1, lag=lag, per_input=True, **where)
+        yield proportional(late)
+    for coordinate, travel in product(felt if kind == "force" else (), LOADS):
+        state = {"play": travel, "per_input": True, **where}
+        yield curve_over(LearnedReading, coordinate, EVEN, **state)
+
+
+def _squares(
+    sensor: Sensor, inputs: Sequence[str], span: CoordinateRanges, where: dict[str, Any]
+) -> Iterator[Hypothesis]:
+    """What follows the late square of an input, as power warms: the diagonal of a second-order
+    Volterra kernel that fades exponentially; and scale factors that follow another input's square.
+    """
+    kind = "force" if sensor.is_accelerometer else "rate"
+    felt = [c for c in inputs if c.startswith(kind) and even_knots(c, span, 2)]
+    lags = [lag for lag in COOLING if SHOWN * lag < span.duration]
+    forms = [(c, lag, scale) for c in felt for lag in lags for scale in (False, True)]
+    forms += [(c, 0.0, True) for c in felt if c != f"{kind}_{where['axis']}"]
+    if sensor.kind == "fog":  # its axis is none of the body's
+        forms += [("input", lag, scale) for lag in lags for scale in (False, True)]
+    for coordinate, lag, per_input in forms:
+        square = {"power": 2.0, "lag": lag, "per_input": per_input, **where}
+        yield curve_over(LearnedReading, coordinate, 1, **square)
 
 
 def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
@@ -105,7 +136,7 @@ def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
         for lag in CREEPS if knots else ():
             late = {"lag": lag, "relaxing": True, **where}
             curve = curve_over(LearnedReadout, angle_channel(axis), knots, **late)
-            yield proportional(curve, len(CREEPS))
+            yield proportional(curve)
     every = rig.axis_names
     places = [("base", turn, "environment", every) for turn in "xy"]
     places += [("mount", turn, "mount", every) for turn in "xyz"]
@@ -117,8 +148,7 @@ def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
         turning = [name for name in axes if name in rig.kind.turning]
         for name, lag, relaxing in product(turning, CREEPS, (False, True)):
             late = {"lag": lag, "relaxing": relaxing, **where}
-            creep = curve_over(LearnedTilt, angle_channel(name), harmonics(1), **late)
-            yield replace(creep, variants=2 * len(CREEPS))
+            yield curve_over(LearnedTilt, angle_channel(name), harmonics(1), **late)
 
 
 def loads_of_mount(span: CoordinateRanges) -> Iterator[Hypothesis]:
@@ -132,9 +162,9 @@ def loads_of_mount(span: CoordinateRanges) -> Iterator[Hypothesis]:
         yield curve_over(LearnedTilt, coordinate, knots, **where)
         for lag, relaxing in product(CREEPS, (False, True)):
             late = curve_over(LearnedTilt, coordinate, knots, lag=lag, relaxing=relaxing, **where)
-            yield proportional(late, 2 * len(CREEPS))
+            yield proportional(late)
         for travel in LOADS:
-            yield _played(LearnedTilt, coordinate, travel, len(LOADS), where)
+            yield _played(LearnedTilt, coordinate, travel, where)
 
 
 def _motion(
@@ -152,18 +182,18 @@ def _motion(
     for name, travel in product(axes, TURNS):
         low, high = span.ranges.get(angle_channel(name), (0.0, 0.0))
         if high - low > travel:
-            yield _played(cls, angle_channel(name), travel, len(TURNS), where)
+            yield _played(cls, angle_channel(name), travel, where)
     if knots := even_knots("speed", span, 7):
         yield curve_over(cls, "speed", knots, **where)
         for lag in COOLING:
             if SHOWN * lag < span.duration:
                 late = curve_over(cls, "speed", knots, lag=lag, **where)
-                yield proportional(late, len(COOLING))
+                yield proportional(late)
 
 
 def _played(
-    cls: type[Learned], coordinate: str, travel: float, variants: int, where: dict[str, Any]
+    cls: type[Learned], coordinate: str, travel: float, where: dict[str, Any]
 ) -> Hypothesis:
     """What is in proportion to the state of a play."""
     state = curve_over(cls, coordinate, (-1.0, 1.0), play=travel, **where)
-    return proportional(state, variants)
+    return proportional(state)

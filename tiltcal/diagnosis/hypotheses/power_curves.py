@@ -54,7 +54,6 @@ def varying_coefficients(
                 power=power,
                 odd=odd,
                 times=times,
-                variants=len(forms),
                 **where,
             )
 
@@ -82,6 +81,4 @@ def powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Hypothesis]:
     """Laws with one number: a root, a modulus, a square, a cube."""
     for power, odd in POWERS:
         if not (odd and coordinate == "transverse"):
-            yield curve_over(
-                LearnedReading, coordinate, 1, power=power, odd=odd, variants=len(POWERS), **where
-            )
+            yield curve_over(LearnedReading, coordinate, 1, power=power, odd=odd, **where)

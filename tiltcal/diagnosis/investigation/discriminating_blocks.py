@@ -26,7 +26,6 @@ from tiltcal.diagnosis.investigation.rival_hypotheses import Question
 from tiltcal.diagnosis.model.cosine_basis import basis_of, project
 from tiltcal.diagnosis.model.fitted_model import whitened_of
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
-from tiltcal.diagnosis.model.removed_finding import RemovedFinding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explanation import Explanation
 from tiltcal.diagnosis.search.name_probabilities import coarsened
@@ -214,7 +213,7 @@ def separations(question: Question, more: Recording) -> list[Pair]:
     found = []
     for truth in question.rivals:
         signal = project(basis, _signal(truth, both, whitened, effects, lengths))
-        found += _against(truth, RemovedFinding(basis, signal, signal), whitened, question)
+        found += _against(truth, basis, signal, whitened, question)
     return found
 
 
@@ -237,13 +236,19 @@ def _signal(
 
 
 def _against(
-    truth: Explanation, case: RemovedFinding, whitened: WhitenedModel, question: Question
+    truth: Explanation,
+    basis: Sequence[Array],
+    signal: Sequence[Array],
+    whitened: WhitenedModel,
+    question: Question,
 ) -> list[Pair]:
-    """The truth against every other name, each at its best shape and sizes."""
-    energy = sum(float(s @ s) for s in case.signal)
+    """The truth, whose signal is without its part in a basis, against every other name, each at its
+    best shape and sizes.
+    """
+    energy = sum(float(s @ s) for s in signal)
     needed = SEPARABLE * coarsened(energy / 2)
     best: dict[str, float] = {}
-    for score in whitened.scores(case.basis, case.target):
+    for score in whitened.scores(basis, signal):
         best[score.hypothesis.id] = max(best.get(score.hypothesis.id, 0.0), score.gain()[0])
     id = truth.hypothesis.id
     return [

@@ -9,8 +9,7 @@ from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.hypotheses.instants import recording_of
 from tiltcal.diagnosis.model.channel_noise import models, noise_under
-from tiltcal.diagnosis.model.cosine_basis import basis_of, projected
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.noise_prior import with_probable_noise
 from tiltcal.diagnosis.model.removed_finding import remove_finding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -121,12 +120,8 @@ def finding_log_p_values(
         inside = [fitted.terms[k] for k in places]
         step = inside[0].hypothesis.is_step
         removed = remove_finding(fitted, whitened, places, [*beside, *(near if step else ())])
-        lengths = [len(t) for t in removed.target]
-        columns = whitened_of(whitened, inside, fitted.effects)
-        mine = basis_of([projected(removed.basis, c, lengths) for c in columns], lengths)
-        along = np.sum([U.T @ r for U, r in zip(mine, removed.target, strict=True)], axis=0)
-        tries = sum(log_alternatives(t.hypothesis, len(t.names), total) for t in inside[:1])
-        found.append(log_tail(float(along @ along), mine[0].shape[1]) + tries)
+        tries = log_alternatives(inside[0].hypothesis, len(inside[0].names), total)
+        found.append(log_tail(removed.gain, removed.rank) + tries)
     return found
 
 

@@ -107,6 +107,11 @@ class HypothesisColumns:
             self._families[number] = len(self.hypotheses), members
         return members
 
+    def completing(self, host: Hypothesis) -> list[Hypothesis]:
+        """The hypotheses that complete the form of one, which may be at a shape of its own."""
+        near = (self.hypotheses[k] for k in self._near(host, 0))
+        return [h for h in near if completes(h, host)]
+
     def _near(self, hypothesis: Hypothesis, first: int) -> list[int]:
         """Numbers, from the first on, of the hypotheses that may be of its family: of its name, of
         related names, or without a name at its place, in order.

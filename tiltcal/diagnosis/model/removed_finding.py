@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns
-from tiltcal.diagnosis.model.cosine_basis import basis_of, project
+from tiltcal.diagnosis.model.cosine_basis import basis_of, project, projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, whitened_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 
@@ -25,11 +25,14 @@ class RemovedFinding:
         basis: of nuisance and all other findings, by channel; target: what is left without the
             finding, whitened.
         signal: the finding's fitted signal without its part in the basis.
+        gain: fall of the deviance by the finding's terms at their best sizes; rank: of these.
     """
 
     basis: list[Array]
     target: list[Array]
     signal: list[Array]
+    gain: float
+    rank: int
 
 
 def remove_finding(
@@ -51,10 +54,13 @@ def remove_finding(
     values = [
         v / t.hypothesis.size(n) for t in inside for n, v in zip(t.names, t.values, strict=True)
     ]
-    for value, column in zip(values, whitened_of(whitened, inside, effects), strict=True):
+    columns = whitened_of(whitened, inside, effects)
+    for value, column in zip(values, columns, strict=True):
         for i, part in column.items():
             signal[i] = signal[i] + value * part
     signal = project(basis, signal)
     residual = whitened.residual(effects)
     target = project(basis, [s + r for s, r in zip(signal, residual, strict=True)])
-    return RemovedFinding(basis, target, signal)
+    mine = basis_of([projected(basis, c, lengths) for c in columns], lengths)
+    along = np.sum([U.T @ r for U, r in zip(mine, target, strict=True)], axis=0)
+    return RemovedFinding(basis, target, signal, float(along @ along), mine[0].shape[1])

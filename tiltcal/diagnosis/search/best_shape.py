@@ -34,7 +34,7 @@ def best_shape(proposal: Proposal, fitted: FittedModel, whitened: WhitenedModel)
     near = [t.hypothesis for t in terms] if changed else []
     if (instant := terms[0].hypothesis.instant) is not None:
         scenario = whitened.observations.scenario
-        near += list(steps_at(scenario, instant, hypothesis.variants))
+        near += list(steps_at(scenario, instant))
     if not hypothesis.listed:
         near += list(resolutions([t.hypothesis for t in proposal.explanation.terms]))
     best = _best([proposal, *in_shapes(proposal, near, fitted, whitened)])

@@ -1,10 +1,11 @@
 """How probable it is that each cause of a model is there, and which of them are claimed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 
 from scipy.special import expit, logsumexp
 
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.search.explanation import evidence_in_place, possible
 from tiltcal.diagnosis.search.state import Doubt, State, laws, refitted, repriced, without
 
 CLAIM = 0.95  # probability from which a cause is claimed: a false alarm costs 19 times a miss
@@ -21,24 +22,28 @@ def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], t
     every = frozenset(range(len(state.causes)))
     models, held = {every: state}, every
     while held:
-        for k, cause in enumerate(sorted(held)):
-            fewer = held - {cause}
-            models[fewer] = _without(models[held], [k], gate)
-        weakest = min(held, key=lambda cause: models[held - {cause}].cost)
-        if _probability(models[held - {weakest}].cost - models[held].cost) >= CLAIM:
+        fewer = {}
+        for cause in sorted(held):
+            fewer[cause], model = _without(models[held], held, {cause}, gate)
+            models[fewer[cause]] = model
+        weakest = min(held, key=lambda cause: models[fewer[cause]].cost)
+        if _probability(models[fewer[weakest]].cost - models[held].cost) >= CLAIM:
             break
-        held -= {weakest}
+        held = fewer[weakest]
     costs = {kept: model.cost for kept, model in models.items()}
-    chance = {cause: probability_of(cause, costs) for cause in every}
-    claimed = sorted(cause for cause in every if chance[cause] >= CLAIM)
+    chance = {
+        cause: min(probability_of(cause, costs), _beside_neighbours(state, cause))
+        for cause in every
+    }
+    claimed = frozenset(cause for cause in every if chance[cause] >= CLAIM)
     doubts = [
         Doubt(law, chance[cause])
         for cause, law in enumerate(laws(state.fitted))
         if 0.5 < chance[cause] < CLAIM
     ]
-    if (kept := frozenset(claimed)) not in models:
-        models[kept] = _without(state, sorted(every - kept), gate)
-    return models[kept], tuple(chance[cause] for cause in claimed), tuple(doubts)
+    if claimed not in models:
+        claimed, models[claimed] = _without(state, every, every - claimed, gate)
+    return models[claimed], tuple(chance[cause] for cause in sorted(claimed)), tuple(doubts)
 
 
 def probability_of(cause: int, costs: Mapping[frozenset[int], float]) -> float:
@@ -53,13 +58,38 @@ def probability_of(cause: int, costs: Mapping[frozenset[int], float]) -> float:
     return _probability(logsumexp(with_it) - logsumexp(without_it))
 
 
+def _beside_neighbours(state: State, cause: int) -> float:
+    """Probability that a line is there, by what it explains in units of the level of its
+    neighbourhood; one for a cause that is no line. The cost of a model takes its noise for granted.
+    """
+    terms = [state.fitted.terms[place] for place in state.fitted.findings()[cause]]
+    if not terms[0].hypothesis.line_hz:
+        return 1.0
+    tried, prior = state.causes[cause].tried, state.causes[cause].prior
+    rest = without(state, cause).fitted
+    return _probability(evidence_in_place(terms, tried, rest, state.whitened)[0] + prior)
+
+
 def _probability(log_odds: float) -> float:
     return float(expit(log_odds))
 
 
-def _without(state: State, which: Sequence[int], gate: NoiseGate) -> State:
-    """A state without some of its causes, under its own noise or that which it leaves, whichever
-    costs less.
+def _without(
+    state: State, held: Collection[int], gone: Collection[int], gate: NoiseGate
+) -> tuple[frozenset[int], State]:
+    """The causes that are left of those held when some are taken out, and the state with them,
+    under its own noise or that which it leaves, whichever costs less. A cause whose sizes cannot be
+    without those taken out goes with them.
     """
+    which = [place for place, cause in enumerate(sorted(held)) if cause in gone]
+    kept = sorted(frozenset(held) - frozenset(gone))
     rest = refitted(without(state, *which))
-    return min(rest, repriced(rest, gate.left_by(rest.fitted, rest.whitened)), key=lambda s: s.cost)
+    impossible = [
+        cause
+        for cause, places in zip(kept, rest.fitted.findings(), strict=True)
+        if not all(possible(rest.fitted.terms[i]) for i in places)
+    ]
+    if impossible:
+        return _without(rest, kept, impossible, gate)
+    left = repriced(rest, gate.left_by(rest.fitted, rest.whitened))
+    return frozenset(kept), min(rest, left, key=lambda s: s.cost)

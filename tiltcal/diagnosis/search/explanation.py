@@ -28,6 +28,7 @@ from tiltcal.diagnosis.search.local_level import local_level
 from tiltcal.effects.parameter import Parameter
 
 HALF = 0.5
+OWN_NAME = 10.0  # times the energy that a deviation of another form has
 TOLD = 0.01
 """Nats that a further size of a law has to add. One that hardly shows at plausible sizes, such as
 the sine of a tone at half the sampling rate, adds next to nothing at any value.
@@ -41,7 +42,7 @@ class Explanation:
     Args:
         terms: the law, then what its form deviates by, at expected values.
         evidence: log Bayes factor against nothing in this place, nats.
-        gain: fall of the deviance.
+        gain: fall of the deviance; of a line in units of the level of its neighbourhood.
         tried: columns that a deviation may be made of.
         plain: the law without its deviation; None where it has none.
     """
@@ -95,9 +96,8 @@ def explained_by(
     if not build.used:
         return None
     tried = int((~law).sum())
-    plain = Explanation(
-        _terms(normal, build.used, whitened, hypothesis), build.evidence, build.gain, tried
-    )
+    terms = _terms(normal, build.used, whitened, hypothesis)
+    plain = Explanation(terms, build.evidence, build.gain, tried)
     build.add_deviation(tried)
     terms = _terms(normal, build.used, whitened, hypothesis)
     if not all(possible(t) for t in terms[1:]):
@@ -111,7 +111,7 @@ def evidence_in_place(
     fitted: FittedModel,
     whitened: WhitenedModel,
 ) -> tuple[float, float]:
-    """Evidence for given terms of one cause, nats, and their gain.
+    """Evidence for given terms of one cause, nats, and their gain, as an ``Explanation`` has them.
 
     Args:
         terms: the law, then its deviation.
@@ -127,7 +127,9 @@ def evidence_in_place(
     block = np.column_stack(columns)
     owner = [t for t in whole for _ in t.names]
     along = block.T @ np.concatenate(target)
-    level = local_level(law, [t.hypothesis for t in terms[1:]], fitted, whitened)
+    family = [t.hypothesis for t in terms[1:]]
+    family += whitened.columns.completing(law) if law.line_hz else []
+    level = local_level(law, family, fitted, whitened)
     build = _Build(
         block.T @ block / level,
         along / level,
@@ -172,7 +174,7 @@ class _Build:
         self.used: list[int] = []
         self._G, self._b, self._law, self._sized = gram, target, law, sized
         self._raw = raw
-        self._shares = np.where(alike, 10.0 * DEVIATIONS[:, None], DEVIATIONS[:, None])
+        self._shares = DEVIATIONS[:, None] * np.where(alike, OWN_NAME, 1.0)
 
     def add_sizes(self) -> None:
         """Those sizes of the law that have evidence, and the strongest."""

@@ -24,6 +24,7 @@ PROBE = 36.0  # lines, from whose changes those of any other number follow
 SMALL = 1e-6  # rad
 CHANCE = 1e-4  # of a line in any recording without one
 MOST = 5
+WHITE = 2.0  # mean of what a line explains of white noise: a cosine and a sine
 FINER = 4  # frequencies a width of a line
 
 
@@ -49,8 +50,8 @@ def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ..
             n = FIRST + int(np.argmax(gain[FIRST:]))
             rest = _without_line(n, angles, scaled, rest)
             after = _gains(angles, scaled, rest)
-            floor = max(float(np.median(after[FIRST:])) / np.log(2), 1.0)
-            if not gain[n] > 2 * floor * np.log(LINES / CHANCE):
+            floor = max(float(np.median(after[FIRST:])) / np.log(2), WHITE)
+            if not gain[n] > floor * np.log(LINES / CHANCE):
                 break
             found.append((float(gain[n]), n))
             gain = after

@@ -12,6 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.channel_noise import models, noise_within_stops
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
@@ -125,7 +126,12 @@ def settled(state: State, gate: NoiseGate, visited: list[Visit] | None = None) -
 
 
 def _names(state: State) -> list[object]:
-    return [law.place for law in laws(state.fitted)]
+    return [_place(law) for law in laws(state.fitted)]
+
+
+def _place(hypothesis: Hypothesis) -> object:
+    """Where a name is; of a curve where it acts and what it follows."""
+    return hypothesis.place if hypothesis.listed else kind(hypothesis)
 
 
 def improved(state: State) -> State:
@@ -180,7 +186,7 @@ def _split(state: State, scan: Scan) -> State:
     for k in range(len(state.causes)):
         rest, mine = without(state, k), laws(state.fitted)[k]
         found = proposals(rest.fitted, state.whitened, scan)
-        others = [p for p in found if p.explanation.hypothesis.place != mine.place]
+        others = [p for p in found if _place(p.explanation.hypothesis) != _place(mine)]
         # the deviation of one would take the place of the other
         rivals = [replace(p, explanation=p.explanation.plain or p.explanation) for p in others]
         rivals = _rivals(sorted(rivals, key=lambda p: -p.score))
@@ -194,12 +200,16 @@ def _split(state: State, scan: Scan) -> State:
 
 
 def _rivals(found: Sequence[Proposal]) -> list[Proposal]:
-    """The best proposal of every name that is not far below the best."""
-    rivals: dict[str, Proposal] = {}
+    """The best proposals of those that are not far below the best: of each name one, of curves one
+    at each place and over each coordinate.
+    """
+    names: dict[object, Proposal] = {}
+    curves: dict[object, Proposal] = {}
     for p in found:
         if p.score > HALF * found[0].score > 0:
-            rivals.setdefault(p.explanation.hypothesis.id, p)
-    return list(rivals.values())[:AHEAD]
+            law = p.explanation.hypothesis
+            (names if law.listed else curves).setdefault(law.id if law.listed else kind(law), p)
+    return [*list(names.values())[:AHEAD], *list(curves.values())[:AHEAD]]
 
 
 def _merged(state: State, scan: Scan) -> State:
@@ -258,4 +268,4 @@ def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:
 
 def _use(law: FittedTerm) -> tuple[object, ...]:
     """The place of a law and which of its sizes are in use."""
-    return law.hypothesis.place, set(law.names)
+    return _place(law.hypothesis), set(law.names)

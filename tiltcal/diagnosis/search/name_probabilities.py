@@ -59,8 +59,10 @@ class Names:
 
 @dataclass(frozen=True)
 class Row:
-    """An explanation in a cause's place: log posterior odds, evidence and gain, nats; misfit:
-    whether it is what the nameless causes leave of their laws.
+    """An explanation in a cause's place: log posterior odds, evidence and gain, nats.
+
+    misfit: whether it is what the nameless causes leave of their laws; imitated: whether it is the
+    share of a law without a name that a listed form explains.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Row:
     gain: float
     proposal: Proposal | None = None
     misfit: bool = False
+    imitated: bool = False
 
     def coarsely(self, coarse: float) -> float:
         """Log posterior odds where the data count less by a factor; the prior does not."""

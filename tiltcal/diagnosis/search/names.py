@@ -55,27 +55,32 @@ def named(state: State, scan: Scan, random: bool = False) -> tuple[State, list[N
     for k in range(len(state.fitted.findings())):
         every = _rows(state, k, scan)
         rows: Sequence[Row] = [r for r in every if r.name != UNLISTED] if random else every
-        state, rows = _most_probable_in_place(state, k, rows)
-        found.append(replace(name_probabilities(rows), late=_late(state, k, rows[0])))
+        state, rows, own = _most_probable_in_place(state, k, rows)
+        names, law = name_probabilities(rows), laws(state.fitted)[k]
+        if law.listed and not names.listed:  # no curve could take its place
+            names = replace(names, alike=(law.id,), in_doubt=True)
+        found.append(replace(names, late=_late(state, k, own)))
     return state, found
 
 
 def _most_probable_in_place(
     state: State, k: int, rows: Sequence[Row]
-) -> tuple[State, Sequence[Row]]:
-    """A state with the most probable cause in the place of one, and the rows that stand: one that
-    looks better and is separably worse when fitted does not.
+) -> tuple[State, Sequence[Row], Row]:
+    """A state with the most probable cause in the place of one, the rows that stand, and that of
+    this cause. A name that looks better and is separably worse when fitted does not stand.
     """
     mine = _name(_terms(state, k))
     names = name_probabilities(rows)
     stated = names.alike[0] if names.listed else UNLISTED
-    best = max((r for r in rows if r.name == stated and not r.misfit), key=lambda r: r.score)
-    if best.proposal is None or stated == mine:
-        return state, rows
+    own = [r for r in rows if r.name == stated and not (r.misfit or r.imitated) and r.proposal]
+    if stated == mine or not own:
+        return state, rows, rows[0]
+    best = max(own, key=lambda r: r.score)
+    assert best.proposal is not None
     other = refitted(with_cause(state, k, best.proposal))
     if UNLISTED not in (mine, stated) and not other.cost < state.cost + SEPARABLE / 2:
         return _most_probable_in_place(state, k, [r for r in rows if r.name != stated])
-    return (other if np.isfinite(other.cost) else state), rows
+    return (other, rows, best) if np.isfinite(other.cost) else (state, rows, rows[0])
 
 
 def without_misfits(state: State, scan: Scan) -> tuple[State, tuple[int, ...]]:
@@ -139,7 +144,7 @@ def _imitated(rows: Sequence[Row], columns: int, again: bool) -> Iterator[Row]:
         if row.name != UNLISTED:
             found = again and k == 0
             odds = AGAIN if found else imitation_odds(2 * max(row.gain, row.evidence, 0), columns)
-            yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
+            yield replace(row, name=UNLISTED, score=row.score + odds, imitated=True)
 
 
 def _is_again(state: State, k: int) -> bool:
@@ -159,12 +164,10 @@ def _rows(state: State, k: int, scan: Scan) -> list[Row]:
     terms = _terms(state, k)
     evidence, gain = evidence_in_place(terms, cause.tried, rest.fitted, whitened)
     rows = [Row(_name(terms), evidence + cause.prior, evidence, gain / 2)]
-    known = set()
-    law = terms[0].hypothesis
-    found = _at_its_shape(law, proposals(rest.fitted, whitened, scan), rest)
-    for p in (*found, *_at_its_instant(law, rest, scan)):
+    law, first = terms[0].hypothesis, proposals(rest.fitted, whitened, scan)
+    known = {id(p.explanation.hypothesis) for p in first}
+    for p in (*_at_its_shape(law, first, rest), *_at_its_instant(law, rest, scan)):
         e = p.explanation
-        known.add(id(e.hypothesis))
         if not _same(e.hypothesis, law):  # once, at the shape that it has
             rows.append(Row(_name(e.terms), p.score, e.evidence, e.gain / 2, p))
     factors = scan.log_bayes_factors(rest.fitted)
@@ -227,7 +230,7 @@ def _at_its_instant(law: Hypothesis, rest: State, scan: Scan) -> Iterator[Propos
         for h, prior in zip(whitened.hypotheses, scan.log_odds, strict=True)
         if h.has_instant
     }
-    steps = list(steps_at(whitened.observations.scenario, instant, law.variants))
+    steps = list(steps_at(whitened.observations.scenario, instant))
     local = whitened.beside([h for h in steps if h.place in odds])
     for k in range(len(whitened.hypotheses), len(local.hypotheses)):
         place = local.hypotheses[k].place

@@ -62,7 +62,8 @@ class Sums:
         whole = np.maximum(self.energy.sum(axis=0), np.finfo(float).tiny)
         rest = (columns**2).T @ self.energy - (columns.T @ self.energy) ** 2 / whole
         there = rest > 1e-6 * whole
-        along = (columns.T @ self.along) ** 2
+        offset = self.along.sum(axis=0) / whole
+        along = (columns.T @ self.along - (columns.T @ self.energy) * offset) ** 2
         return np.asarray(np.where(there, along / np.where(there, rest, 1.0), 0.0).sum(axis=1))
 
 

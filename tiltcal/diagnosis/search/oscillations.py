@@ -5,6 +5,7 @@ prior.
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+from scipy.special import expit
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel
@@ -34,7 +35,7 @@ def searched(whitened: WhitenedModel, floors: Mapping[str, float]) -> Iterator[t
 def probability(factor: float, whitened: WhitenedModel) -> float:
     """That an oscillation is there. factor: logarithm of its Bayes factor in one channel."""
     prior = float(np.log(SOMETHING * UNLISTED / len(whitened.observations.channels)))
-    return float(1 / (1 + np.exp(-(factor + prior))))
+    return float(expit(factor + prior))
 
 
 def equalised(residual: Array) -> Array:

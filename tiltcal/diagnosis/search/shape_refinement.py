@@ -27,6 +27,7 @@ STEP = {
     "ratio": np.log(1.02),
     "frequency": np.log(1.3),
     "lag": np.log(1.5),
+    "play": np.log(1.5),
     "phase": np.pi / 6,
     "period": np.log(1.05),
     "creep": np.log(1.6),
@@ -110,13 +111,17 @@ def _top(before: float, here: float, after: float) -> float:
 
 
 def shapes(hypothesis: Hypothesis) -> dict[str, float]:
-    """The continuous shapes of a hypothesis; of a curve its lag, its period in time or temperature,
-    and where a localised form lies.
+    """The continuous shapes of a hypothesis; of a curve its lag, the width of its play, its period
+    in time or temperature, and where a localised form lies.
     """
     effect = hypothesis.effect
     if isinstance(effect, Learned):
         repeats = effect.period and effect.coordinate in ("time", "since_move", "temperature")
-        own = {"lag": effect.lag, "period": effect.period if repeats else 0.0}
+        own = {
+            "lag": effect.lag,
+            "play": effect.play,
+            "period": effect.period if repeats else 0.0,
+        }
         return {name: value for name, value in own.items() if value} | form_of(hypothesis)
     return {
         n: v

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import expit
 
 from tiltcal.diagnosis.model.noise_prior import NOTHING, above_price, instruments, unlike_others
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -51,7 +52,8 @@ def slow_variations(
         floors: size, SI, of what coarse codes do to a sensor's misfit: none below it is told.
     """
     observations, fits = whitened.observations, whitened.fits
-    prior = SOMETHING * UNLISTED / len(observations.channels) / len(ENERGIES)
+    prior = SOMETHING * UNLISTED / len(observations.channels)
+    prior /= len(ENERGIES)  # that it has this size
     found = []
     for one in instruments(whitened):
         together = one.most_probable([fits[i] for i in one.which])  # a record at rest has others
@@ -62,7 +64,7 @@ def slow_variations(
                 continue
             above = axis.above_grades(fits[i].model).min(axis=0) * _share(fits[i])
             large, (unlike, times) = above_price(above.tolist()), unlike_others(one, k, together)
-            chance = float(1 / (1 + np.exp(-(large + unlike + np.log(prior)))))
+            chance = float(expit(large + unlike + np.log(prior)))
             if chance >= claim and times >= 1:  # of two axes apart, the one with more
                 size = times if unlike > large else float(above.max())
                 found.append(

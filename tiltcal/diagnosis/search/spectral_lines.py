@@ -13,6 +13,7 @@ from tiltcal.effects.electronics.mains import WANDER
 from tiltcal.effects.spans import SpectralLines
 
 SLOWEST = 4  # periods of a recording: below it a drift looks like a line
+PEAKS = 40  # of a channel, the strongest
 WIDE = (6, 12, 24, 48, 96)  # widths of a line, of a band that a wandering line may fill
 
 
@@ -143,7 +144,8 @@ def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
     peak = (ratio > limit) & (ratio >= np.roll(ratio, 1)) & (ratio >= np.roll(ratio, -1))
     slow = SLOWEST / max(float(time[-1] - time[0]), 1e-9)
     peak &= frequency > slow
-    return [(float(ratio[k]), float(frequency[k])) for k in np.flatnonzero(peak)[:40]]
+    found = [(float(ratio[k]), float(frequency[k])) for k in np.flatnonzero(peak)]
+    return sorted(found, reverse=True)[:PEAKS]
 
 
 def _smeared(time: Array, residual: Array) -> list[tuple[float, float]]:

@@ -16,6 +16,7 @@ from tiltcal.effects.catalogue import to_file
 from tiltcal.effects.hysteresis_and_lag import first_order_lag, play
 from tiltcal.effects.mechanisms import Context
 from tiltcal.forward.kinematics import closed_form
+from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.setup.trajectory import Jet
 from tiltsim.motion import mujoco_motion
 
@@ -631,6 +632,25 @@ def test_a_coefficient_may_grow_with_the_speed_of_turn_or_another_input():
         np.testing.assert_allclose(varying, plain * factor, atol=1e-12)
 
 
+def test_a_curve_may_act_one_way_only():
+    """2e-3 cos(middle) as the middle angle, sin(T / 5), rises, minus that as it falls; 0.5 deg
+    after it turned back at 2.5 pi that is known.
+    """
+    law = {"coordinate": "table_middle", "coefficients": [2e-3], "times": "way_middle"}
+    reading = added(learned("accel", "x", **law))[:, 0]
+    error = learned(on="readout", axis="middle", **law).along(lively())
+    angle, back = np.sin(T / 5), 5 * np.pi / 2
+    np.testing.assert_allclose(np.asarray(error.x), reading, atol=1e-14)
+    turned = np.arccos(np.cos(T / 5 - np.pi / 2)) > 0.3  # well after it
+    rising, falling = turned & (T > 2) & (back > T), turned & (back < T) & (3 * back > T)
+    assert rising.any()
+    assert falling.any()
+    np.testing.assert_allclose(reading[rising], 2e-3 * np.cos(angle[rising]), atol=1e-14)
+    np.testing.assert_allclose(reading[falling], -2e-3 * np.cos(angle[falling]), atol=1e-14)
+    with pytest.raises(TiltcalError, match="key times"):
+        learned("accel", "x", **{**law, "times": "way_upper"})
+
+
 def test_a_readout_error_may_follow_two_angles_with_the_rates_of_both():
     """cos(outer) sin(middle), and its derivatives against differences of its values."""
     effect = learned(
@@ -823,6 +843,49 @@ def test_a_scale_factor_may_follow_the_speed_late():
     speed = added(learned("accel", "x", coordinate="speed", power=1.0, odd=True, coefficients=[1]))
     late = first_order_lag(T, speed[:, 0], 5.0)
     np.testing.assert_allclose(added(sag)[:, 2], -1e-3 * late * seen["accel"][:, 2], atol=1e-12)
+
+
+@pytest.mark.parametrize("sensor", ["accel", None], ids=["of one", "of all"])
+def test_stamps_may_be_late_by_a_curve(sensor):
+    """0 to 4 ms over a minute: a reading is that of the motion so much earlier."""
+    table = {"on": "stamps", "coordinate": "time", "knots": [0.0, 60.0], "place": "timing"}
+    values = {**table, "coefficients": [0.0, 4e-3]}
+    late = make_effect("learned", values, SETUP, sensor=sensor)
+    assert to_file(late)["on"] == "stamps"
+    assert late.delay(np.array([15.0, 90.0]), 0, None) == pytest.approx([1e-3, 4e-3])
+    time = np.arange(0.0, 60.0, 0.1)
+    watch = NominalMotion(SETUP, Turning(), time)
+    told, answers = watch.changes(late), watch.answers(late)
+    curve = np.asarray(watch.curve(late).x) @ late.coefficients
+    at = time, time - late.delay(time, 0, None)
+    read, earlier = (read_poses(SETUP, Turning().drive(t)) for t in at)
+    assert set(told) == set(answers) == ({"accel"} if sensor else set(read))
+    for name, change in told.items():
+        size = np.abs(change).max()
+        np.testing.assert_allclose(change, earlier[name] - read[name], atol=5e-3 * size)
+        np.testing.assert_allclose(answers[name][0] * curve[:, None], change, atol=1e-12 * size)
+
+
+class Turning:
+    """The outer axis turns evenly, the middle one to and fro, the inner one rests."""
+
+    def drive(self, time):
+        outer = Jet(0.3 * time, 0.3 + 0 * time, 0 * time)
+        middle = Jet(np.sin(time / 5), np.cos(time / 5) / 5, -np.sin(time / 5) / 25)
+        return drive_of({"outer": outer, "middle": middle, "inner": Jet(0 * time)}, time)
+
+
+@pytest.mark.parametrize("words", [{"coordinate": "temperature"}, {"axis": "x"}])
+def test_stamps_are_late_with_time_and_all_channels_together(words):
+    table = {
+        "on": "stamps",
+        "coordinate": "time",
+        "knots": [0.0, 60.0],
+        "coefficients": [0.0, 1e-3],
+    }
+    axis = words.pop("axis", None)
+    with pytest.raises(TiltcalError, match="coordinate 'time' and no axis"):
+        make_effect("learned", {**table, **words}, SETUP, sensor="accel", axis=axis)
 
 
 @pytest.mark.parametrize(

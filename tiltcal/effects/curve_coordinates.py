@@ -5,6 +5,7 @@ and how it moved before.
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.units import DEG
 from tiltcal.effects.hysteresis_and_lag import crossed, first_order_lag, play
 from tiltcal.effects.sense import Sense
 from tiltcal.setup.tables import axis_of
@@ -24,6 +25,9 @@ COORDINATES = (*INPUTS, "input", "transverse", "time", "temperature", "warming",
 ``speed``: magnitude of the rate of turn; ``braking``: minus its change per second; ``since_move``,
 ``since_start``: time since the last move ended, began; ``moves``: how many there were.
 """
+WAY = "way_"
+"""Begins the name of a factor: which way a table axis last went, -1 or 1, ``way_<axis>``."""
+BEGUN = 0.5 * DEG  # of a turn after which that is known, rad
 AT_REST = 1e-3  # rad/s: less is no motion of a table, Earth's rate among it
 
 
@@ -58,6 +62,8 @@ def sensed(name: str, sense: Sense, own: Array) -> Array:
     """A coordinate of now along what a sensor senses, (n,); ``own``: the channel's true input."""
     if (own_axis := axis_of(name)) is not None:
         return sense.angles[own_axis]
+    if name.startswith(WAY):
+        return play(sense.angles[name.removeprefix(WAY)], BEGUN)
     if name in INPUTS:
         quantity, axis = INPUTS[name]
         return np.asarray(getattr(sense, quantity)[:, axis])
@@ -80,7 +86,7 @@ def _braking(rate: Array, acceleration: Array) -> Array:
 
 def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
     """A coordinate of the table's motion along a drive with its time derivatives, (n,): an angle,
-    time, or one of MOTION.
+    which way one last went, time, or one of MOTION.
 
     Counts and directions jump while the table moves; their derivatives are left out.
 
@@ -91,6 +97,8 @@ def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
     if (axis := axis_of(name)) is not None:
         angle = drive.axes[axis]
         return crossed(angle, travel) if travel else angle
+    if name.startswith(WAY):
+        return crossed(drive.axes[name.removeprefix(WAY)], BEGUN)
     one = np.ones_like(drive.time)
     if name == "time":
         return Jet(drive.elapsed, one, 0 * one)

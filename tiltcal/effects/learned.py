@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, SignalEffect
+from tiltcal.effects.base import AngleEffect, DelayEffect, Effect, FrameEffect, SignalEffect
 from tiltcal.effects.curve_bases import harmonics_of, power_of, spline_of, transients_at
 from tiltcal.effects.curve_coordinates import (
     INPUTS,
@@ -28,7 +28,7 @@ from tiltcal.effects.curve_coordinates import (
 from tiltcal.effects.curve_products import ORDERS, multiplier, products
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.mechanisms import Context, Turn
-from tiltcal.effects.parameter import Parameter, Stage
+from tiltcal.effects.parameter import Need, Parameter, Stage
 from tiltcal.effects.sense import Sense
 from tiltcal.setup.tables import axis_of
 from tiltcal.setup.trajectory import Drive, Jet
@@ -61,8 +61,8 @@ class Learned(Effect):
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
             alone.
         times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, ``speed``,
-            rad/s, a table angle, rad, or, of a reading, an input, SI: a coefficient that varies;
-            empty for none.
+            rad/s, a table angle, rad, which way an axis last went (``way_<axis>``), or, of a
+            reading, an input, SI: a coefficient that varies; empty for none.
         instants: s from the first stamp, of transients over time: each rises evenly to its
             coefficient within ``rise``, s, before its instant, and falls with the time constant
             ``fall``, s.
@@ -292,3 +292,14 @@ class LearnedTilt(Learned, FrameEffect):
         if slot != self.slot:
             return ()
         return (Turn(self.turn, self.along(context.drive, context.gravity_in_body)),)
+
+
+@dataclass(frozen=True)
+class LearnedDelay(Learned, DelayEffect):
+    """The stamps of a sensor, or of all of them, are later than their signal by curve(time), s."""
+
+    stage: ClassVar[Stage] = "timing"
+    needs: ClassVar[Need] = "motion"
+
+    def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array:
+        return self.curve(elapsed)

@@ -7,8 +7,14 @@ import numpy as np
 
 from tiltcal.core.errors import TiltcalError, nearest, one_of
 from tiltcal.core.frames import AXES
-from tiltcal.effects.curve_coordinates import COORDINATES, INPUTS, MOTION
-from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.curve_coordinates import COORDINATES, INPUTS, MOTION, WAY
+from tiltcal.effects.learned import (
+    Learned,
+    LearnedDelay,
+    LearnedReading,
+    LearnedReadout,
+    LearnedTilt,
+)
 from tiltcal.effects.parameter import STAGES
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import angle_channel, axis_names, axis_of
@@ -17,6 +23,7 @@ KINDS: dict[str, type[Learned]] = {
     "reading": LearnedReading,
     "readout": LearnedReadout,
     "tilt": LearnedTilt,
+    "stamps": LearnedDelay,
 }
 
 
@@ -57,8 +64,8 @@ def make_learned(
     role: str | None,
     subject: str,
 ) -> Learned:
-    """A learned effect from a file's table: ``on`` reading, readout or tilt; ``coordinate``,
-    ``knots``, ``coefficients``.
+    """A learned effect from a file's table: ``on`` reading, readout, tilt or stamps;
+    ``coordinate``, ``knots``, ``coefficients``.
 
     Raises:
         TiltcalError: a key or a word is wrong.
@@ -194,8 +201,10 @@ def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
             do="leave one out",
         )
     angles = [angle_channel(axis) for axis in setup.rig.axis_names]
+    ways = [f"{WAY}{axis}" for axis in setup.rig.kind.turning]
     felt = INPUTS if table.get("on", "reading") == "reading" else ()
-    return _word(table, "times", "", ("", "temperature", "time", "speed", *angles, *felt), subject)
+    factors = ("", "temperature", "time", "speed", *angles, *ways, *felt)
+    return _word(table, "times", "", factors, subject)
 
 
 def _check_relaxing(relaxing: bool, on: str, coordinate: str, lag: float, subject: str) -> None:
@@ -222,6 +231,15 @@ def _where(
     """
     axis_named = axis_of(coordinate)
     of_frames = ["time", "temperature", "warming", *MOTION]
+    if on == "stamps":
+        if coordinate != "time" or axis is not None:
+            raise TiltcalError(
+                subject,
+                found=f"coordinate '{coordinate}', axis {axis}",
+                need="coordinate 'time' and no axis: all channels of a sensor are late together",
+                do="correct it",
+            )
+        return "", ""
     if on == "tilt" and table.get("slot") == "mount":
         of_frames += [name for name in INPUTS if name.startswith("force")]
     if on != "reading" and axis_named is None and coordinate not in of_frames:

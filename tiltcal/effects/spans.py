@@ -30,13 +30,14 @@ class SpectralLines:
 
     Args:
         tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move;
-            ripples: a turn of an axis.
+            late: Hz, in the delay of stamps; ripples: a turn of an axis.
         waves: over the input of a channel, temperature or a table angle.
     """
 
     tones: tuple[float, ...] = ()
     shakes: tuple[float, ...] = ()
     echoes: tuple[float, ...] = ()
+    late: tuple[float, ...] = ()
     ripples: tuple[int, ...] = ()
     waves: tuple[Wave, ...] = ()
 
@@ -51,7 +52,12 @@ class SpectralLines:
         ripples = tuple(n for n in self.ripples if n not in known.ripples)
         waves = tuple(wave for wave in self.waves if wave not in known.waves)
         return SpectralLines(
-            new(self.tones, known.tones), new(self.shakes, known.shakes), (), ripples, waves
+            new(self.tones, known.tones),
+            new(self.shakes, known.shakes),
+            (),
+            new(self.late, known.late),
+            ripples,
+            waves,
         )
 
 

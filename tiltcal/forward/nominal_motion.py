@@ -10,7 +10,13 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import tilt_of_force
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
-from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.learned import (
+    Learned,
+    LearnedDelay,
+    LearnedReading,
+    LearnedReadout,
+    LearnedTilt,
+)
 from tiltcal.effects.sense import ACCELEROMETERS
 from tiltcal.forward.kinematics import closed_form, force_and_rate
 from tiltcal.forward.linearised_kinematics import Responses, moves_smoothly
@@ -76,8 +82,8 @@ class NominalMotion:
         ``Responses.turns``.
         """
         if isinstance(effect, DelayEffect):
-            changes = self._late(effect)
-        elif isinstance(effect, SignalEffect):
+            return self._late(effect)
+        if isinstance(effect, SignalEffect):
             changes = {str(effect.sensor): self._signal(effect)}
         else:
             changes = self._moved(effect, beside)
@@ -111,6 +117,8 @@ class NominalMotion:
             own, channel = np.zeros_like(self.ideal[name]), effect.channel(self.sense[name])
             own[:, channel] = self.ideal[name][:, channel] if effect.per_input else 1.0
             return {name: (self._converted(name, own, effect), None, None)}
+        if isinstance(effect, LearnedDelay):
+            return {n: (-slope, None, None) for n, slope in self.slopes(effect.sensor).items()}
         assert isinstance(effect, LearnedReadout | LearnedTilt)
         tilt = isinstance(effect, LearnedTilt)
         place = (effect.slot, effect.turn) if tilt else ("axis", str(effect.axis))
@@ -184,11 +192,9 @@ class NominalMotion:
             found[name] = source @ matrix.T
         return found
 
-    def _late(self, effect: DelayEffect) -> dict[str, Array]:
-        """Change of a sensor's reading by a delay: minus the delay times its time derivative, by a
-        millisecond's step.
-
-        A delay that names no sensor is the recorder's own: all sensors alike.
+    def slopes(self, sensor: str | None) -> dict[str, Array]:
+        """Time derivatives of the readings of a sensor, or of all, by a millisecond's step, SI per
+        s, (n, k).
         """
         if self._slopes is None:
             step = 5e-4
@@ -197,16 +203,21 @@ class NominalMotion:
                 for sign in (1, -1)
             )
             self._slopes = (ahead[0] - behind[0]) / (2 * step), (ahead[1] - behind[1]) / (2 * step)
-        slopes = self._read(*self._slopes)
-        names = [effect.sensor] if effect.sensor else list(slopes)
+        read = self._read(*self._slopes)
+        return {n: self._said(n, slope) for n, slope in read.items() if sensor in (None, n)}
+
+    def _late(self, effect: DelayEffect) -> dict[str, Array]:
+        """Change of a sensor's reading by a delay: minus the delay times its time derivative. One
+        that names no sensor is the recorder's own: all sensors alike.
+        """
         return {
             name: np.column_stack(
                 [
                     -effect.delay(self.drive.elapsed, k, None) * column
-                    for k, column in enumerate(slopes[name].T)
+                    for k, column in enumerate(slopes.T)
                 ]
             )
-            for name in names
+            for name, slopes in self.slopes(effect.sensor).items()
         }
 
 
@@ -253,6 +264,10 @@ class SeveralPlaces(NominalMotion):
         for part in self._moved_by(effect):
             found |= part.answers(effect)
         return found
+
+    def slopes(self, sensor: str | None) -> dict[str, Array]:
+        """Time derivatives of the readings of a sensor, or of all, SI per s, (n, k)."""
+        return {n: slope for part in self.parts for n, slope in part.slopes(sensor).items()}
 
     def _moved_by(self, effect: Effect) -> Sequence[NominalMotion]:
         """The places that see an effect: all, or that of its sensor."""

@@ -11,8 +11,9 @@ from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
 from tiltcal.diagnosis.search.state import Doubt
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
+from tiltcal.effects.curve_coordinates import WAY
 from tiltcal.effects.curve_products import ORDERS
-from tiltcal.effects.learned import Learned, LearnedReadout, LearnedTilt
+from tiltcal.effects.learned import Learned, LearnedDelay, LearnedReadout, LearnedTilt
 from tiltcal.setup.setup import Rig, Setup
 from tiltcal.setup.tables import angle_channel, axis_of
 
@@ -107,6 +108,8 @@ def learned_name(effect: Learned) -> str:
         what += ", less what it follows at once" if effect.relaxing else ""
     if isinstance(effect, LearnedReadout):
         return f"an error of the {effect.axis} axis' readout that follows {what}"
+    if isinstance(effect, LearnedDelay):
+        return f"a delay of the stamps of {effect.sensor or 'all sensors'} that follows {what}"
     if isinstance(effect, LearnedTilt):
         return f"a tilt of the frame '{effect.slot}' about {effect.turn} that follows {what}"
     kind = "a scale factor" if effect.per_input else "an addition to the reading"
@@ -160,6 +163,8 @@ def _factor(times: str) -> str:
     """What a curve is multiplied by, in words."""
     if axis := axis_of(times):
         return f"the {axis} angle"
+    if times.startswith(WAY):
+        return f"which way the {times.removeprefix(WAY)} angle last went"
     if times in ("temperature", "time"):
         return "the temperature from T0" if times == "temperature" else "the time"
     return IN_WORDS.get(times, f"the {_along_body(times)}")

@@ -6,6 +6,7 @@ from typing import Any
 
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over, even_knots, harmonics
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.effects.curve_coordinates import BEGUN, WAY
 from tiltcal.effects.curve_products import ORDERS
 from tiltcal.effects.learned import LearnedReadout, LearnedTilt
 from tiltcal.effects.spans import CoordinateRanges
@@ -41,19 +42,19 @@ def _of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
 
 def _varying_errors_of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Errors of a readout over time, temperature and its rate; and over its own angle, as tilts of
-    its bearing, those that grow with time, temperature, speed or an angle (Hastie and Tibshirani,
-    J. R. Stat. Soc. B 55, 1993: coefficients that vary).
+    its bearing, those that grow with time, temperature, speed or an angle, or differ by which way
+    it last went (Hastie and Tibshirani, J. R. Stat. Soc. B 55, 1993: coefficients that vary).
     """
     turning = rig.kind.turning
     for axis, coordinate in product(turning, ("time", "temperature", "warming")):
         if knots := even_knots(coordinate, span, 5):
             yield curve_over(LearnedReadout, coordinate, knots, axis=axis, place="table")
     factors = ["temperature", "time", "speed", *(angle_channel(axis) for axis in rig.axis_names)]
-    for axis, factor in product(turning, factors):
-        if not even_knots(factor, span, 2):
-            continue
+    known = [(axis, f, 2) for axis, f in product(turning, factors) if even_knots(f, span, 2)]
+    known += [(axis, f"{WAY}{axis}", 4) for axis in turning if span_of(axis, span) > BEGUN]
+    for axis, factor, orders in known:
         over: dict[str, Any] = {"place": "table", "times": factor}
-        coordinate, count = angle_channel(axis), harmonics(2)
+        coordinate, count = angle_channel(axis), harmonics(orders)
         yield curve_over(LearnedReadout, coordinate, count, axis=axis, **over)
         for turn in _across(dict(rig.axes)[axis]):
             yield curve_over(LearnedTilt, coordinate, count, slot=bearing(axis), turn=turn, **over)
@@ -83,6 +84,12 @@ def bases_over(rig: Rig, axis: str, span: CoordinateRanges) -> Iterator[int | tu
         yield harmonics(4)
     if knots := even_knots(angle_channel(axis), span, 10):
         yield knots
+
+
+def span_of(axis: str, span: CoordinateRanges) -> float:
+    """How far an axis turns, rad."""
+    low, high = span.ranges.get(angle_channel(axis), (0.0, 0.0))
+    return high - low
 
 
 def _across(axis: str) -> tuple[str, str]:

@@ -22,13 +22,13 @@ from tiltcal.diagnosis.hypotheses.motion_curves import (
     motion_of_frames,
     motion_of_readings,
 )
-from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves
+from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves, stamped
 from tiltcal.diagnosis.hypotheses.power_curves import powers, products, varying_coefficients
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_products import ORDERS
 from tiltcal.effects.hysteresis_and_lag import LAGS
-from tiltcal.effects.learned import LearnedReading, LearnedTilt
+from tiltcal.effects.learned import LearnedDelay, LearnedReading, LearnedTilt
 from tiltcal.effects.spans import CoordinateRanges, Wave
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.sensor import Sensor
@@ -50,6 +50,8 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
                 yield from _reading_curves(scenario, sensor, axis, span)
     yield from curves_of_axes(scenario.rig, span)
     yield from periodic_curves(scenario, span.lines, sorted(read))
+    for where in stamped(scenario, sorted(read)):
+        yield curve_over(LearnedDelay, "time", even_knots("time", span, 7), **where)
     if scenario.rig.axes:
         for slot, turns in (("base", "xy"), ("mount", "xyz")):
             for turn, coordinate in product(turns, ("time", "temperature", "warming")):

@@ -7,7 +7,13 @@ another place or coordinate is another effect.
 """
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.learned import (
+    Learned,
+    LearnedDelay,
+    LearnedReading,
+    LearnedReadout,
+    LearnedTilt,
+)
 
 OFF = 0.05  # of a tone's frequency, that an overtone may be off a multiple of it
 OVERTONES = 9.5  # times its frequency
@@ -32,6 +38,8 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     if effect.is_step or (host.effect.seen_in is not None and effect.coordinate == "time"):
         return False  # a curve over time is the same in every recording
     if effect.times or effect.relaxing or effect.instants:  # what varies or fades is no form of it
+        return False
+    if isinstance(effect, LearnedDelay):
         return False
     if curve.line_hz:
         return host.law.spectral_line == "time" and _cycle_of(curve, host)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from tiltcal.core.units import DEG, G0
+from tiltcal.diagnosis.hypotheses.axis_curves import span_of
 from tiltcal.diagnosis.hypotheses.curve_forms import (
     curve_over,
     even_knots,
@@ -21,6 +22,7 @@ from tiltcal.diagnosis.hypotheses.curve_forms import (
     spread_knots,
 )
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.effects.curve_coordinates import BEGUN, WAY
 from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.setup.sensor import Sensor
@@ -31,7 +33,7 @@ MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
 COOLING = (10.0, 30.0, 100.0, 300.0)  # s, of what motion warms
 CREEPS = (4.0, 15.0, 60.0)  # s, of a structure that gives way late to what it carries
 SHOWN = 2.0  # times a time constant of cooling that a recording has to last
-TURNS = (0.5 * DEG, 10 * DEG, 45 * DEG)  # rad, of a play; the first tells the direction
+TURNS = (BEGUN, 10 * DEG, 45 * DEG)  # rad, of a play; the first tells the direction
 WOUND = (10 * DEG, 45 * DEG)  # rad, of what winds up before it slips
 PLAYED = tuple(np.linspace(-1.0, 1.0, 5))  # knots over the state of a play
 EVEN = (-1.0, 0.0, 1.0)  # the least knots of a curve over it that may be even
@@ -71,6 +73,10 @@ def motion_of_readings(
             yield curve_over(LearnedReading, angle_channel(name), harmonics(3), lag=lag, **where)
     for coordinate, travel in product([c for c in inputs if c.startswith("force")], LOADS):
         yield _played(LearnedReading, coordinate, travel, where)
+    for name, per_input in product(rig.kind.turning, (False, True)):
+        if span_of(name, span) > BEGUN:
+            one_way = {"times": f"{WAY}{name}", "per_input": per_input, **where}
+            yield curve_over(LearnedReading, angle_channel(name), harmonics(3), **one_way)
     if knots := even_knots("braking", span, 7):
         yield curve_over(LearnedReading, "braking", knots, **where)
 
@@ -127,9 +133,8 @@ def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Tilts of frames and errors of readouts that follow what went before."""
     for axis in rig.kind.turning:
         where: dict[str, Any] = {"axis": axis, "place": "table"}
-        low, high = span.ranges.get(angle_channel(axis), (0.0, 0.0))
         for travel in WOUND:  # a play of some arcsec is a backlash, which is listed
-            if high - low > travel:
+            if span_of(axis, span) > travel:
                 yield curve_over(LearnedReadout, angle_channel(axis), PLAYED, play=travel, **where)
         yield from _motion(LearnedReadout, (), span, where)
         knots = even_knots(angle_channel(axis), span, 2)
@@ -180,8 +185,7 @@ def _motion(
             waves = 2 * (period // 2) - (period % 2 == 0)
             yield curve_over(cls, "moves", waves, period=float(period), **where)
     for name, travel in product(axes, TURNS):
-        low, high = span.ranges.get(angle_channel(name), (0.0, 0.0))
-        if high - low > travel:
+        if span_of(name, span) > travel:
             yield _played(cls, angle_channel(name), travel, where)
     if knots := even_knots("speed", span, 7):
         yield curve_over(cls, "speed", knots, **where)

@@ -6,7 +6,13 @@ from typing import Any
 
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over, harmonics
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.learned import (
+    Learned,
+    LearnedDelay,
+    LearnedReading,
+    LearnedReadout,
+    LearnedTilt,
+)
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.scenario import Scenario
 
@@ -26,6 +32,17 @@ def periodic_curves(
     for cls, where in _places(scenario, sensors) if lines.tones else ():
         for frequency, count in product(lines.tones, HARMONICS):
             yield curve_over(cls, "time", harmonics(count), period=1 / frequency, **where)
+    for where, frequency, count in product(stamped(scenario, sensors), lines.late, HARMONICS):
+        yield curve_over(LearnedDelay, "time", harmonics(count), period=1 / frequency, **where)
+
+
+def stamped(scenario: Scenario, sensors: Sequence[str]) -> list[dict[str, Any]]:
+    """Whose stamps may be late against those of a table: each sensor's, and all; none by hand,
+    where there is no other clock.
+    """
+    each: list[str | None] = [s for s in sensors if scenario.rig.axes]
+    every: list[str | None] = [*each, None] if len(each) > 1 else each
+    return [{"sensor": sensor, "place": "timing"} for sensor in every]
 
 
 def _places(scenario: Scenario, sensors: Sequence[str]) -> Iterator[Place]:

@@ -11,6 +11,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.search.lines_over_angles import CHANCE, FINER, MOST, ripples_of, waves_of
 from tiltcal.effects.electronics.mains import WANDER
 from tiltcal.effects.spans import SpectralLines
+from tiltcal.statistics.noise_spectrum import robust_white
 
 SLOWEST = 4  # periods of a recording: below it a drift looks like a line
 PEAKS = 40  # of a channel, the strongest
@@ -23,6 +24,7 @@ def spectral_lines_of(observations: Observations, fitted: FittedModel) -> Spectr
         tones_of(observations, fitted),
         shakes_of(observations, fitted),
         echoes_of(observations, fitted),
+        late_of(observations, fitted),
         ripples_of(observations, fitted),
         waves_of(observations, fitted),
     )
@@ -85,6 +87,49 @@ def shakes_of(observations: Observations, fitted: FittedModel) -> tuple[float, .
     # slower than that the table's own turns look like lines
     slowest = max(20 / duration, 4 * fastest(observations) / (2 * np.pi))
     return _apart([(power, f) for power, f in found if f > slowest], lambda _: 2 / duration)
+
+
+def late_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
+    """Frequencies, Hz, of lines in the delay of stamps, strongest first: of a buffer that fills and
+    is emptied, of packets with a wrong interval.
+
+    A delay shows in proportion to the slope of a reading: a sine and a cosine times the slopes are
+    compared with the residual, a constant delay taken out.
+    """
+    found: list[tuple[float, float]] = []
+    left = observations.residuals(fitted.effects)
+    for number, watch in enumerate(observations.watches(fitted.effects)):
+        for sensor, slopes in watch.slopes(None).items():
+            along, energy = np.zeros((2, len(watch.time)))
+            for channel, residual in zip(observations.channels, left, strict=True):
+                if (channel.recording, channel.sensor, channel.derived) != (number, sensor, False):
+                    continue
+                rows = np.minimum(channel.rows // observations.block, len(along) - 1)
+                noise = robust_white(residual)
+                slope = slopes[rows, channel.column] / noise
+                along[rows] += residual / noise * slope
+                energy[rows] += slope**2
+            if (whole := float(energy.sum())) > 0:
+                along = along - along.sum() / whole * energy
+                found += _over_energy(watch.time, along, whole)
+    duration = float(np.ptp(observations.recordings[0].time))
+    return _apart(found, lambda _: 1 / duration)
+
+
+def _over_energy(time: Array, along: Array, energy: float) -> list[tuple[float, float]]:
+    """(power over noise, frequency) of peaks in the spectrum of products of a residual with what it
+    is compared with, whose squares sum to an energy.
+    """
+    from scipy.fft import next_fast_len
+
+    values, rate = _evenly(time, along)
+    size = next_fast_len(FINER * len(values), real=True)
+    power = np.abs(np.fft.rfft(values, size)) ** 2 / energy
+    frequency = np.fft.rfftfreq(size, 1 / rate)
+    limit = max(float(np.median(power)) / np.log(2), 1.0) * np.log(len(values) / CHANCE)
+    peak = (power > limit) & (power >= np.roll(power, 1)) & (power >= np.roll(power, -1))
+    peak &= frequency > SLOWEST / max(float(time[-1] - time[0]), 1e-9)
+    return [(float(power[k]), float(frequency[k])) for k in np.flatnonzero(peak)]
 
 
 def echoes_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:

@@ -45,6 +45,23 @@ def test_a_saw_over_an_angle_is_learned_as_a_saw(table, sensor, column, size, un
     assert np.ptp(effect["coefficients"]) == pytest.approx(size * unit, abs=4 * sigma)
 
 
+def test_a_scale_factor_that_jumps_back_with_the_temperature_repeats_over_it():
+    """A laser that hops between its modes: 600 ppm over 0.9 degC, then back. Temperature swings by
+    3 degC to either side.
+    """
+    truth = bench(swing_degC=3.0, period_s=140.0)
+    whole = recorded(truth, 5)
+    warm = whole.column("temperature_degC")
+    column = "accel_z_m_s2"
+    read = whole.column(column) * (1 + 6e-4 * saw(warm, 0.9, 22.7))
+    found = diagnose(honest(truth), [rewritten(whole, **{column: read})])
+    assert found.verdict == "unlisted"
+    (finding,) = found.findings
+    assert "scale factor of accel z that follows temperature, with a period" in finding.statement
+    (effect,) = [e for e in found.amended["effect"] if e["id"] == "learned"]
+    assert effect["period"] == pytest.approx(0.9, rel=0.01)
+
+
 @pytest.mark.xfail(reason="a step and another scale factor say the same, with one shape less")
 def test_a_saw_of_which_one_jump_is_seen_goes_before_a_name_of_any_form():
     """A sweep of 110 degrees there and back, teeth of 90: a converter's curve says as much, with

@@ -152,7 +152,7 @@ def _repeating(effect: Learned) -> str:
     if effect.coordinate in ("time", "since_move", "moves"):
         unit = "" if effect.coordinate == "moves" else " s"
         return f", with a period of {effect.period:.3g}{unit}"
-    if effect.knots:
+    if effect.knots and axis_of(effect.coordinate):
         return f" and repeats every {np.degrees(effect.period):.4g} deg"
     if effect.coordinate in PERIODS:
         return f", with a period of {effect.period:.3g} {PERIODS[effect.coordinate]}"

@@ -156,13 +156,14 @@ def _waves(waves: Iterable[Wave], where: Mapping[str, Any]) -> Iterator[Hypothes
     """
     for wave in waves:
         if (wave.sensor, wave.axis) == (where["sensor"], where["axis"]):
-            for per_input in (False, True) if wave.coordinate == "input" else (False,):
+            scale = wave.times == "input"
+            for per_input in (False, True) if wave.coordinate == "input" else (scale,):
                 yield curve_over(
                     LearnedReading,
                     wave.coordinate,
                     harmonics(2),
                     period=wave.period,
-                    times=wave.times,
+                    times="" if scale else wave.times,
                     per_input=per_input,
                     **where,
                 )

@@ -71,12 +71,11 @@ class Hypothesis:
 
     @property
     def line_hz(self) -> float:
-        """Frequency of a line in time, of a curve that repeats its first one; 0 for anything
-        else.
-        """
+        """Frequency of a line in time, of harmonics their first one; 0 for anything else."""
         effect = self.effect
         if isinstance(effect, Learned):
-            return 1 / effect.period if effect.period and effect.coordinate == "time" else 0.0
+            repeats = effect.period and effect.coordinate == "time" and not effect.knots
+            return 1 / effect.period if repeats else 0.0
         return effect.values["frequency"] if self.law.spectral_line == "time" else 0.0
 
     @property

@@ -1,4 +1,4 @@
-"""Localised forms of a curve over a table angle: a step, a sawtooth, a bump.
+"""Localised forms of a curve: a step, a sawtooth, a bump.
 
 Where a form lies, how wide it is and when it begins anew are its shape, as a time constant is of an
 effect of the catalogue.
@@ -22,12 +22,12 @@ Knots = tuple[float, ...]
 
 
 def step_at(middle: float, width: float) -> Knots:
-    """From one level to another within a width, rad: two numbers."""
+    """From one level to another within a width, SI: two numbers."""
     return float(middle - width / 2), float(middle + width / 2)
 
 
 def saw_at(jump: float, period: float) -> Knots:
-    """A ramp that begins anew at a jump, rad: two numbers."""
+    """A ramp that begins anew at a jump, SI: two numbers."""
     return float(jump), float(jump + period)
 
 
@@ -48,14 +48,18 @@ def is_localised(hypothesis: Hypothesis) -> bool:
     return isinstance(effect, Learned) and (effect.is_step or effect.is_saw or is_bump(hypothesis))
 
 
-def over_angle(hypothesis: Hypothesis) -> str | None:
-    """The one table axis over whose angle of now a curve without a name goes."""
+def localisable(hypothesis: Hypothesis) -> str | None:
+    """The coordinate of now that a curve without a name follows, where it may have such a form: a
+    table angle, a temperature, a channel's own input; of a scale factor the time, too. An addition
+    that steps with time is listed.
+    """
     effect = hypothesis.effect
     if hypothesis.listed or not isinstance(effect, Learned):
         return None
-    if effect.beside or effect.power or effect.lag or effect.times:
+    if effect.beside or effect.power or effect.lag or effect.times or effect.play:
         return None
-    return axis_of(effect.coordinate)
+    local = effect.coordinate in ("temperature", "input", *(["time"] if effect.per_input else []))
+    return effect.coordinate if local or axis_of(effect.coordinate) else None
 
 
 def formed(hypothesis: Hypothesis, knots: Knots, period: float = 0.0) -> Hypothesis:
@@ -64,7 +68,8 @@ def formed(hypothesis: Hypothesis, knots: Knots, period: float = 0.0) -> Hypothe
     assert isinstance(effect, Learned)
     free = RAISED if len(knots) == len(BUMP) else range(len(knots))
     values = {f"c{k}": hypothesis.size(hypothesis.names[0]) for k in free}
-    form = replace(effect, values=values, knots=knots, period=float(period))
+    holds = effect.holds or effect.coordinate == "temperature"  # it goes on as it ends
+    form = replace(effect, values=values, knots=knots, period=float(period), holds=holds)
     return replace(hypothesis, effect=form, names=tuple(values))
 
 
@@ -73,14 +78,15 @@ def steps_beside(curves: Iterable[Hypothesis]) -> Iterator[Hypothesis]:
     for curve in curves:
         yield curve
         effect = curve.effect
-        if isinstance(effect, LearnedReading) and effect.knots and over_angle(curve):
+        over = localisable(curve)
+        if isinstance(effect, LearnedReading) and effect.knots and over and axis_of(over):
             edges = np.linspace(effect.knots[0], effect.knots[-1], STEPS + 1)
             for low, high in pairwise(edges):
                 yield formed(curve, (float(low), float(high)))
 
 
 def form_of(hypothesis: Hypothesis) -> dict[str, float]:
-    """The continuous shapes of a localised curve, rad: its place, its width or its period."""
+    """The continuous shapes of a localised curve, SI: its place, its width or its period."""
     effect = hypothesis.effect
     if not isinstance(effect, Learned) or not is_localised(hypothesis):
         return {}

@@ -62,10 +62,10 @@ def waves_of(observations: Observations, fitted: FittedModel) -> tuple[Wave, ...
     """Lines in the residual of a reading over its own input, over temperature or over a table
     angle, strongest first: one over each for each channel at most, and none by hand.
 
-    Over temperature they are fringes, or a table of a compensation that is not interpolated. Over
-    an angle they are of a constant amplitude or in proportion to the speed of turn: what a motor, a
-    resolver or a ring of contacts puts into a reading. From sample to sample a turn passes half a
-    line of the finest: finer ones look like coarser ones.
+    Over temperature they are fringes, or a table of a compensation that is not interpolated, of the
+    bias or of the scale factor. Over an angle they are of a constant amplitude or in proportion to
+    the speed of turn: what a motor, a resolver or a ring of contacts puts into a reading. From
+    sample to sample a turn passes half a line of the finest: finer ones look like coarser ones.
     """
     found: list[tuple[float, Wave]] = []
     left, watches = observations.residuals(fitted.effects), observations.watches(fitted.effects)
@@ -77,14 +77,16 @@ def waves_of(observations: Observations, fitted: FittedModel) -> tuple[Wave, ...
         rows = np.minimum(channel.rows // observations.block, len(sense.time) - 1)
         own = sense.true_input()[:, channel.column]
         place = channel.sensor, channel.axis
-        for name, u, first in (
-            ("input", own[rows], FIRST),
-            ("temperature", sense.temperature[rows], CYCLES),
+        for name, u, first, factors in (
+            ("input", own[rows], FIRST, ("",)),
+            ("temperature", sense.temperature[rows], CYCLES, ("", "input")),
         ):
             if span := float(np.ptp(u)):
                 phase = 2 * np.pi * (u - u.min()) / (FINER * span)
-                n, strength = _strongest(phase, residual, FINER * first, LINES)
-                found.append((strength, Wave(*place, name, FINER * span / n)))
+                for times in factors:
+                    signal = residual * own[rows] if times else residual
+                    n, strength = _strongest(phase, signal, FINER * first, LINES)
+                    found.append((strength, Wave(*place, name, FINER * span / n, times)))
         speed = coordinate_of("speed", sense, own)[rows]
         for name in (angle_channel(axis) for axis in turning):
             angle = coordinate_of(name, sense, own)[rows]

@@ -1,8 +1,8 @@
-"""Where a step, a sawtooth or a bump over a table angle would explain most of what a model leaves.
+"""Where a step, a sawtooth or a bump over a coordinate would explain most of what a model leaves.
 
-What a curve over an angle does to a reading is the curve times what a constant in its place does.
-The evidence for a form is then a sum over the angle: all places, widths and periods are compared
-from sums over small ranges of the angle, without a column for each.
+What a curve does to a reading is the curve times what a constant in its place does. The evidence
+for a form is then a sum over the coordinate: all places, widths and periods are compared from sums
+over small ranges of it, without a column for each.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,17 +16,19 @@ from tiltcal.diagnosis.hypotheses.localised_curves import (
     Knots,
     bump_at,
     formed,
-    over_angle,
+    localisable,
     saw_at,
     step_at,
 )
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.effects.curve_coordinates import coordinate_of
+from tiltcal.setup.tables import axis_of
 
-BINS = 720  # over the range of an angle
-TEETH = np.arange(0.6, 20.0, 0.25)  # periods of a sawtooth in the range of an angle
+BINS = 720  # over the range of a coordinate
+TEETH = np.arange(0.6, 20.0, 0.25)  # periods of a sawtooth in that range
 JUMPS = 24  # places of its jump in a period
-WIDTHS = np.geomspace(0.01, 0.3, 6)  # of a step or a bump, in ranges of the angle
+WIDTHS = np.geomspace(0.01, 0.3, 6)  # of a step or a bump, in such ranges
 PLACES = 72  # of a step or a bump
 
 
@@ -45,15 +47,15 @@ class Form:
 
 @dataclass(frozen=True)
 class Sums:
-    """Over ranges of an angle, for each curve of a cause.
+    """Over ranges of a coordinate, for each curve of a cause.
 
     Args:
-        angles: middles of the ranges, rad, (BINS,).
+        middles: of the ranges, SI, (BINS,).
         along: inner products with what is left, (BINS, curves).
         energy: squared lengths, (BINS, curves).
     """
 
-    angles: Array
+    middles: Array
     along: Array
     energy: Array
 
@@ -70,19 +72,19 @@ class Sums:
 def nearest_forms(
     curves: Sequence[Hypothesis], fitted: FittedModel, whitened: WhitenedModel
 ) -> list[Form]:
-    """The best step, sawtooth and bump in place of curves over one angle that are one cause.
+    """The best step, sawtooth and bump in place of curves over one coordinate that are one cause.
 
     Args:
         curves: over the same coordinate; nothing is found for others.
         fitted: the model without them.
         whitened: the noise by which readings are weighed.
     """
-    axis = over_angle(curves[0])
-    sums = None if axis is None else _sums(curves, axis, fitted, whitened)
+    coordinate = localisable(curves[0])
+    sums = None if coordinate is None else _sums(curves, coordinate, fitted, whitened)
     if sums is None:
         return []
     found = []
-    for shapes in (_steps(sums.angles), _saws(sums.angles), _bumps(sums.angles)):
+    for shapes in (_steps(sums.middles), _saws(sums.middles), _bumps(sums.middles)):
         best: tuple[float, Knots, float] = (-1.0, (0.0, 1.0), 0.0)
         tried = 0
         for knots, period, columns in shapes:
@@ -94,13 +96,13 @@ def nearest_forms(
 
 
 def _sums(
-    curves: Sequence[Hypothesis], axis: str, fitted: FittedModel, whitened: WhitenedModel
+    curves: Sequence[Hypothesis], coordinate: str, fitted: FittedModel, whitened: WhitenedModel
 ) -> Sums | None:
-    """The sums of curves over the angle of an axis; None where it does not turn."""
+    """The sums of curves over a coordinate; None where it does not change."""
     from scipy.fft import idct
 
-    angles = _angles(axis, whitened)
-    known = np.concatenate(angles)
+    followed = _followed(coordinate, fitted, whitened)
+    known = np.concatenate(followed)
     low, high = float(np.nanmin(known)), float(np.nanmax(known))
     if not high > low:
         return None
@@ -114,24 +116,32 @@ def _sums(
             whole = np.sum([part[i] for part in parts if i in part], axis=0)
             change = np.asarray(idct(whole, norm="ortho"))
             left = idct(fitted.residual[i] / root, norm="ortho")
-            place = ((np.nan_to_num(angles[i], nan=low) - low) / width).astype(int)
+            place = ((np.nan_to_num(followed[i], nan=low) - low) / width).astype(int)
             place = np.clip(place, 0, BINS - 1)
-            change = np.where(np.isnan(angles[i]), 0.0, change)
+            change = np.where(np.isnan(followed[i]), 0.0, change)
             along[:, k] += np.bincount(place, change * left, BINS)
             energy[:, k] += np.bincount(place, change**2, BINS) * np.mean(1 / root**2)
     edges = np.linspace(low, high, BINS + 1)
     return Sums((edges[:-1] + edges[1:]) / 2, along, energy)
 
 
-def _angles(axis: str, whitened: WhitenedModel) -> list[Array]:
-    """Angle of a table axis at the readings of each channel, rad."""
-    observations = whitened.observations
+def _followed(coordinate: str, fitted: FittedModel, whitened: WhitenedModel) -> list[Array]:
+    """A coordinate at the readings of each channel, SI; NaN where it is not known."""
+    observations, axis = whitened.observations, axis_of(coordinate)
+    watches = observations.watches(fitted.effects) if observations.courses else []
     found = []
     for channel in observations.channels:
         recording = observations.recordings[channel.recording]
-        angle = recording.table(axis)
-        nothing = np.full(len(channel.time), np.nan)
-        found.append(nothing if angle is None else np.interp(channel.time, recording.time, angle))
+        told = np.full(len(channel.time), np.nan)
+        if axis is not None:
+            if (angle := recording.table(axis)) is not None:
+                told = np.interp(channel.time, recording.time, angle)
+        elif channel.recording < len(watches) and not channel.derived:
+            sense = watches[channel.recording].sense[channel.sensor]
+            rows = np.minimum(channel.rows // observations.block, len(sense.time) - 1)
+            own = sense.true_input()[:, channel.column]
+            told = coordinate_of(coordinate, sense, own)[rows]
+        found.append(told)
     return found
 
 
@@ -139,29 +149,29 @@ Shapes = Iterator[tuple[list[Knots], float, Array]]
 """Knots of each form, their period, and their values, (BINS, m)."""
 
 
-def _steps(angles: Array) -> Shapes:
-    reach = angles[-1] - angles[0]
-    middles = np.linspace(angles[0], angles[-1], PLACES + 2)[1:-1]
+def _steps(u: Array) -> Shapes:
+    reach = u[-1] - u[0]
+    middles = np.linspace(u[0], u[-1], PLACES + 2)[1:-1]
     for width in WIDTHS * reach:
-        values = np.clip((angles[:, None] - middles) / width + 0.5, 0.0, 1.0)
+        values = np.clip((u[:, None] - middles) / width + 0.5, 0.0, 1.0)
         yield [step_at(m, width) for m in middles], 0.0, values
 
 
-def _saws(angles: Array) -> Shapes:
+def _saws(u: Array) -> Shapes:
     """Each by the jump next to the middle of the range: its place then says nothing of the
     period.
     """
-    middle = (angles[0] + angles[-1]) / 2
-    for period in (angles[-1] - angles[0]) / TEETH:
+    middle = (u[0] + u[-1]) / 2
+    for period in (u[-1] - u[0]) / TEETH:
         jumps = middle + period * (np.arange(JUMPS) / JUMPS - 0.5)
-        values = ((angles[:, None] - jumps) / period) % 1.0
+        values = ((u[:, None] - jumps) / period) % 1.0
         yield [saw_at(j, period) for j in jumps], float(period), values
 
 
-def _bumps(angles: Array) -> Shapes:
+def _bumps(u: Array) -> Shapes:
     """By one of their numbers: the two beside it bend them."""
-    middles = np.linspace(angles[0], angles[-1], PLACES)
-    for width in WIDTHS * (angles[-1] - angles[0]):
-        far = np.abs(angles[:, None] - middles) / width
+    middles = np.linspace(u[0], u[-1], PLACES)
+    for width in WIDTHS * (u[-1] - u[0]):
+        far = np.abs(u[:, None] - middles) / width
         values = np.where(far < 2, np.cos(np.pi / 4 * far) ** 2, 0.0)
         yield [bump_at(m, width) for m in middles], 0.0, values

@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.hypotheses.localised_curves import form_of, with_form
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
 from tiltcal.diagnosis.model.normal_equations import explained_beside
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.learned import Learned
+from tiltcal.effects.spans import SpectralLines
 from tiltcal.effects.timing.delays import DataLatency
+from tiltcal.setup.tables import axis_of
 
 GRAIN = 4  # halvings of the step between shapes
 FINE = 8  # of an instant, and of a line and its phase: strong ones show a hundredth of their width
@@ -35,7 +38,9 @@ STEP = {
     "place": 0.1,
     "breadth": np.log(4.0),
 }
-"""From one shape to the next: s for an instant, rad for a phase or a place, else relative."""
+"""From one shape to the next: s for an instant, rad for a phase or a place over a turn, else
+relative.
+"""
 SHIFTED = ("time", "phase", "place")  # by steps that are added
 PROMPT = ("creep", "lag")  # at nothing there is none, and nothing to refine
 
@@ -52,7 +57,7 @@ def refined(
     for name in _shapes_of(terms):
         if pause and name == "time":
             continue
-        step = _step(first, name, duration)
+        step = _step(first, name, duration, whitened)
         added = name in SHIFTED or (name == "frequency" and first.line_hz > 0)
         terms = _shaped(terms, name, _shapes_of(terms)[name], duration)
         limits = _limits(first, name, whitened.hypotheses, duration)
@@ -73,9 +78,15 @@ def refined(
     return terms
 
 
-def _step(hypothesis: Hypothesis, name: str, duration: float) -> float:
-    """From one value of a shape to the next: of a line in time half its width."""
-    line = hypothesis.line_hz
+def _step(hypothesis: Hypothesis, name: str, duration: float, whitened: WhitenedModel) -> float:
+    """From one value of a shape to the next: of a line in time half its width; of the place of a
+    localised form a share of the range of what it follows, of an angle of a turn.
+    """
+    effect, line = hypothesis.effect, hypothesis.line_hz
+    if name == "place" and isinstance(effect, Learned) and axis_of(effect.coordinate) is None:
+        own = f"{effect.sensor}_input" if effect.coordinate == "input" else effect.coordinate
+        low, high = ranges_of(whitened.observations, SpectralLines()).ranges[own]
+        return STEP[name] / (2 * np.pi) * (high - low)
     if line and name == "frequency":
         return LINE / duration
     if line and name == "period":

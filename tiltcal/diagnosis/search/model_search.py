@@ -36,7 +36,8 @@ from tiltcal.diagnosis.search.state import (
 from tiltcal.statistics.noise_spectrum import white_noise
 
 LOOKED_AT = 14  # hypotheses of the largest evidence whose deviations are worked out
-AHEAD = 5  # of them after which the next cause is looked for
+AHEAD = 5  # names of them after which the next cause is looked for
+CURVES = 2  # of different places or coordinates, beside them
 HALF = 0.5  # of the best score: what has less is not looked at further
 MOST = 5  # causes
 ROUNDS = 4  # of search and noise
@@ -209,7 +210,7 @@ def _rivals(found: Sequence[Proposal]) -> list[Proposal]:
         if p.score > HALF * found[0].score > 0:
             law = p.explanation.hypothesis
             (names if law.listed else curves).setdefault(law.id if law.listed else kind(law), p)
-    return [*list(names.values())[:AHEAD], *list(curves.values())[:AHEAD]]
+    return [*list(names.values())[:AHEAD], *list(curves.values())[:CURVES]]
 
 
 def _merged(state: State, scan: Scan) -> State:

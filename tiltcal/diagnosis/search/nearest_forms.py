@@ -5,8 +5,9 @@ for a form is then a sum over the coordinate: all places, widths and periods are
 over small ranges of it, without a column for each.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -47,15 +48,16 @@ class Form:
 
 @dataclass(frozen=True)
 class Sums:
-    """Over ranges of a coordinate, for each curve of a cause.
+    """Over even ranges of a coordinate, for each curve of a cause.
 
     Args:
-        middles: of the ranges, SI, (BINS,).
+        low: where the first begins; reach: of all together, SI.
         along: inner products with what is left, (BINS, curves).
         energy: squared lengths, (BINS, curves).
     """
 
-    middles: Array
+    low: float
+    reach: float
     along: Array
     energy: Array
 
@@ -84,14 +86,15 @@ def nearest_forms(
     if sums is None:
         return []
     found = []
-    for shapes in (_steps(sums.middles), _saws(sums.middles), _bumps(sums.middles)):
+    for shapes in _shapes():
         best: tuple[float, Knots, float] = (-1.0, (0.0, 1.0), 0.0)
         tried = 0
         for knots, period, columns in shapes:
             gains = sums.gains(columns)
             k, tried = int(np.argmax(gains)), tried + len(knots)
             best = max(best, (float(gains[k]), knots[k], period))
-        found.append(Form(tuple(formed(h, *best[1:]) for h in curves), tried))
+        at = tuple(sums.low + sums.reach * k for k in best[1])
+        found.append(Form(tuple(formed(h, at, sums.reach * best[2]) for h in curves), tried))
     return found
 
 
@@ -121,8 +124,7 @@ def _sums(
             change = np.where(np.isnan(followed[i]), 0.0, change)
             along[:, k] += np.bincount(place, change * left, BINS)
             energy[:, k] += np.bincount(place, change**2, BINS) * np.mean(1 / root**2)
-    edges = np.linspace(low, high, BINS + 1)
-    return Sums((edges[:-1] + edges[1:]) / 2, along, energy)
+    return Sums(low, high - low, along, energy)
 
 
 def _followed(coordinate: str, fitted: FittedModel, whitened: WhitenedModel) -> list[Array]:
@@ -145,33 +147,42 @@ def _followed(coordinate: str, fitted: FittedModel, whitened: WhitenedModel) -> 
     return found
 
 
-Shapes = Iterator[tuple[list[Knots], float, Array]]
+Shapes = Sequence[tuple[list[Knots], float, Array]]
 """Knots of each form, their period, and their values, (BINS, m)."""
 
 
+@lru_cache(maxsize=1)
+def _shapes() -> tuple[Shapes, ...]:
+    """Steps, sawteeth and bumps over a range from 0 to 1."""
+    middles = (np.arange(BINS) + 0.5) / BINS
+    return _steps(middles), _saws(middles), _bumps(middles)
+
+
 def _steps(u: Array) -> Shapes:
-    reach = u[-1] - u[0]
-    middles = np.linspace(u[0], u[-1], PLACES + 2)[1:-1]
-    for width in WIDTHS * reach:
-        values = np.clip((u[:, None] - middles) / width + 0.5, 0.0, 1.0)
-        yield [step_at(m, width) for m in middles], 0.0, values
+    places = np.linspace(0, 1, PLACES + 2)[1:-1]
+    return [
+        ([step_at(p, w) for p in places], 0.0, np.clip((u[:, None] - places) / w + 0.5, 0.0, 1.0))
+        for w in WIDTHS
+    ]
 
 
 def _saws(u: Array) -> Shapes:
     """Each by the jump next to the middle of the range: its place then says nothing of the
     period.
     """
-    middle = (u[0] + u[-1]) / 2
-    for period in (u[-1] - u[0]) / TEETH:
-        jumps = middle + period * (np.arange(JUMPS) / JUMPS - 0.5)
+    found = []
+    for period in 1 / TEETH:
+        jumps = 0.5 + period * (np.arange(JUMPS) / JUMPS - 0.5)
         values = ((u[:, None] - jumps) / period) % 1.0
-        yield [saw_at(j, period) for j in jumps], float(period), values
+        found.append(([saw_at(j, period) for j in jumps], float(period), values))
+    return found
 
 
 def _bumps(u: Array) -> Shapes:
     """By one of their numbers: the two beside it bend them."""
-    middles = np.linspace(u[0], u[-1], PLACES)
-    for width in WIDTHS * (u[-1] - u[0]):
-        far = np.abs(u[:, None] - middles) / width
+    places, found = np.linspace(0, 1, PLACES), []
+    for width in WIDTHS:
+        far = np.abs(u[:, None] - places) / width
         values = np.where(far < 2, np.cos(np.pi / 4 * far) ** 2, 0.0)
-        yield [bump_at(m, width) for m in middles], 0.0, values
+        found.append(([bump_at(p, width) for p in places], 0.0, values))
+    return found

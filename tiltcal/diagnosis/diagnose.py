@@ -69,7 +69,7 @@ READING, SIGNATURES, SEARCH, ALTERNATIVES, ANSWER = (
     "comparing alternatives",
     "re-simulating",
 )
-SHARES = {READING: 9, SIGNATURES: 34, SEARCH: 40, ALTERNATIVES: 7, ANSWER: 10}
+TIMES = {READING: 9, SIGNATURES: 34, SEARCH: 40, ALTERNATIVES: 7, ANSWER: 10}
 """Of the time, measured where one to five effects are found, per cent; the search takes between 15
 and 60.
 """
@@ -101,7 +101,7 @@ def diagnose(
     Raises:
         TiltcalError: a column is missing, or nothing in a recording has a model.
     """
-    stages = Stages(progress, SHARES)
+    stages = Stages(progress, TIMES)
     given = [_as_read(r) for r in recordings]
     still = None if static is None else _as_read(static)
     every = given if still is None else [*given, still]

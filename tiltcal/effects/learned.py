@@ -173,11 +173,8 @@ class Learned(Effect):
         return Jet(each.x @ c, each.v @ c, each.a @ c)
 
     def each_along(self, drive: Drive, force: Force | None = None) -> Jet:
-        """The curve of each coefficient along a drive, (n, p).
-
-        Args:
-            drive: along which.
-            force: gives the force of gravity in the body, m/s2, (n, 3), where a mount follows it.
+        """The curve of each coefficient along a drive, (n, p); ``force``: gives the force of
+        gravity in the body, m/s2, (n, 3), where a mount follows it.
         """
         each = self._each_along(drive, force)
         return each.times(multiplier(self.times, drive)) if self.times else each
@@ -233,9 +230,7 @@ class LearnedReading(Learned, SignalEffect):
 
     @property
     def _late_curve(self) -> bool:
-        """Whether the curve is late and not what it follows: an angle goes on after a turn, and
-        what warms is the power of a current.
-        """
+        """Whether the curve is late and not what it follows: an angle goes on, power warms."""
         return self.lag > 0 and (axis_of(self.coordinate) is not None or self.power > 1)
 
     def channel(self, sense: Sense) -> int:

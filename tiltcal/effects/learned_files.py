@@ -1,11 +1,9 @@
 """Learned effects as tables of a scenario file."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
-from tiltcal.core.errors import TiltcalError, nearest, one_of
+from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.frames import AXES
 from tiltcal.effects.curve_coordinates import COORDINATES, INPUTS, MOTION, WAY
 from tiltcal.effects.learned import (
@@ -14,6 +12,17 @@ from tiltcal.effects.learned import (
     LearnedReading,
     LearnedReadout,
     LearnedTilt,
+)
+from tiltcal.effects.learned_keys import (
+    AMOUNTS,
+    amount_of,
+    check_keys,
+    check_knots,
+    check_power,
+    check_relaxing,
+    instants_of,
+    numbers_of,
+    word_of,
 )
 from tiltcal.effects.parameter import STAGES
 from tiltcal.setup.setup import Setup
@@ -24,34 +33,6 @@ KINDS: dict[str, type[Learned]] = {
     "readout": LearnedReadout,
     "tilt": LearnedTilt,
     "stamps": LearnedDelay,
-}
-
-
-AMOUNTS = {
-    "lag_s": "lag",
-    "period": "period",
-    "power": "power",
-    "play": "play",
-    "rise_s": "rise",
-    "fall_s": "fall",
-}
-"""Keys of numbers that are not negative, and the fields that they are of."""
-_KEYS = {
-    "coordinate",
-    "knots",
-    "beside",
-    "odd",
-    "coefficients",
-    "on",
-    "slot",
-    "turn",
-    "per_input",
-    "times",
-    "relaxing",
-    "holds",
-    "instants",
-    "place",
-    *AMOUNTS,
 }
 
 
@@ -71,22 +52,22 @@ def make_learned(
         TiltcalError: a key or a word is wrong.
     """
     subject = f"{subject} learned"
-    _check_keys(table, subject)
-    on = _word(table, "on", "reading", KINDS, subject)
-    coordinate = _word(table, "coordinate", "", (*_angles(), *COORDINATES), subject)
-    place = _word(table, "place", "sensor", STAGES, subject)
+    check_keys(table, subject)
+    on = word_of(table, "on", "reading", KINDS, subject)
+    coordinate = word_of(table, "coordinate", "", (*_angles(), *COORDINATES), subject)
+    place = word_of(table, "place", "sensor", STAGES, subject)
     knots, numbers = (
-        _numbers(table.get(key, ()), f"{subject}, key {key}") for key in ("knots", "coefficients")
+        numbers_of(table.get(key, ()), f"{subject}, key {key}") for key in ("knots", "coefficients")
     )
-    _check_knots(knots, numbers, subject)
+    check_knots(knots, numbers, subject)
     slot, turn = _where(on, coordinate, table, setup, sensor, axis, subject)
-    amounts: dict[str, Any] = {key: _amount(table, key, subject) for key in AMOUNTS}
-    instants = _instants(table, coordinate, amounts, numbers, subject)
-    _check_power(amounts["power"], knots, numbers, subject)
+    amounts: dict[str, Any] = {key: amount_of(table, key, subject) for key in AMOUNTS}
+    instants = instants_of(table, coordinate, amounts, numbers, subject)
+    check_power(amounts["power"], knots, numbers, subject)
     whether: dict[str, Any] = {
         key: bool(table.get(key)) for key in ("per_input", "relaxing", "odd", "holds")
     }
-    _check_relaxing(whether["relaxing"], on, coordinate, amounts["lag_s"], subject)
+    check_relaxing(whether["relaxing"], on, coordinate, amounts["lag_s"], subject)
     return KINDS[on](
         {f"c{k}": value for k, value in enumerate(numbers)},
         sensor,
@@ -105,80 +86,15 @@ def make_learned(
     )
 
 
-def _check_keys(table: Mapping[str, Any], subject: str) -> None:
-    for key in table:
-        if key not in _KEYS:
-            raise TiltcalError(
-                subject,
-                found=f"unknown key '{key}'",
-                need="a key of it",
-                do=nearest(key, sorted(_KEYS)),
-            )
-
-
-def _check_power(
-    power: float, knots: Sequence[float], numbers: Sequence[float], subject: str
-) -> None:
-    if power and (knots or len(numbers) > 1):
-        raise TiltcalError(
-            subject,
-            found=f"power with {len(knots)} knots and {len(numbers)} coefficients",
-            need="one coefficient, no knots",
-            do="leave out the power, or the curve",
-        )
-
-
-def _check_knots(knots: Sequence[float], numbers: Sequence[float], subject: str) -> None:
-    if knots and (len(knots) != len(numbers) or len(knots) < 2 or np.any(np.diff(knots) <= 0)):
-        raise TiltcalError(
-            subject,
-            found=f"{len(knots)} knots, {len(numbers)} coefficients",
-            need="two or more increasing knots, one coefficient each",
-            do="correct the lists",
-        )
-
-
-def _instants(
-    table: Mapping[str, Any],
-    coordinate: str,
-    amounts: Mapping[str, float],
-    numbers: Sequence[float],
-    subject: str,
-) -> tuple[float, ...]:
-    """When transients have their peaks, s; none of another curve."""
-    instants = _numbers(table.get("instants", ()), f"{subject}, key instants")
-    rise, fall = amounts["rise_s"], amounts["fall_s"]
-    if not (instants or rise or fall):
-        return ()
-    alone = coordinate == "time" and not any(k in table for k in ("knots", "period", "power"))
-    if not (alone and rise and fall and len(instants) == len(numbers)):
-        raise TiltcalError(
-            f"{subject}, key instants",
-            found=f"{len(instants)} instants and {len(numbers)} coefficients over '{coordinate}',"
-            f" rise_s = {rise:g}, fall_s = {fall:g}",
-            need="instants over time with a coefficient each, a rise_s, a fall_s, no other form",
-            do="correct it",
-        )
-    return tuple(instants)
-
-
 def _angles() -> list[str]:
     return [angle_channel(axis) for axis in axis_names()]
-
-
-def _amount(table: Mapping[str, Any], key: str, subject: str) -> float:
-    value = table.get(key, 0.0)
-    if not isinstance(value, int | float) or not value >= 0:
-        need = "seconds, not negative" if key == "lag_s" else "a number, not negative"
-        raise TiltcalError(f"{subject}, key {key}", found=repr(value), need=need, do="correct it")
-    return float(value)
 
 
 def _beside(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
     """The second angle of a product; empty where there is none."""
     if "beside" not in table:
         return ""
-    beside = _word(table, "beside", "", _angles(), subject)
+    beside = word_of(table, "beside", "", _angles(), subject)
     if axis_of(beside) not in setup.rig.axis_names or axis_of(str(table.get("coordinate"))) is None:
         raise TiltcalError(
             f"{subject}, key beside",
@@ -204,17 +120,7 @@ def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
     ways = [f"{WAY}{axis}" for axis in setup.rig.kind.turning]
     felt = INPUTS if table.get("on", "reading") == "reading" else ()
     factors = ("", "temperature", "time", "speed", *angles, *ways, *felt)
-    return _word(table, "times", "", factors, subject)
-
-
-def _check_relaxing(relaxing: bool, on: str, coordinate: str, lag: float, subject: str) -> None:
-    if relaxing and (on == "reading" or not lag or coordinate in ("temperature", "warming")):
-        raise TiltcalError(
-            f"{subject}, key relaxing",
-            found=f"on = '{on}', coordinate = '{coordinate}', lag_s = {lag:g}",
-            need="a tilt or a readout over a motion or a force, with a lag_s",
-            do="leave it out, or give a lag_s",
-        )
+    return word_of(table, "times", "", factors, subject)
 
 
 def _where(
@@ -260,24 +166,8 @@ def _where(
     if on != "tilt":
         one_of(str(axis), axes, subject, "axis")
         return "", ""
-    slot = _word(table, "slot", "", setup.rig.kind.slots, subject)
-    return slot, _word(table, "turn", "", AXES, subject)
-
-
-def _word(
-    table: Mapping[str, Any], key: str, default: str, valid: Collection[str], subject: str
-) -> str:
-    return one_of(str(table.get(key, default)), valid, f"{subject}, key {key}")
-
-
-def _numbers(values: Any, subject: str) -> list[float]:
-    if not isinstance(values, list | tuple) or not all(
-        isinstance(v, int | float) and np.isfinite(v) for v in values
-    ):
-        raise TiltcalError(
-            subject, found=repr(values)[:60], need="a list of numbers", do="correct it"
-        )
-    return [float(v) for v in values]
+    slot = word_of(table, "slot", "", setup.rig.kind.slots, subject)
+    return slot, word_of(table, "turn", "", AXES, subject)
 
 
 def learned_table(effect: Learned) -> dict[str, Any]:

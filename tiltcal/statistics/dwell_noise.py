@@ -11,7 +11,7 @@ from tiltcal.core.quantisation import code_width
 
 ARITHMETIC = 1e-9  # SI: standard deviation below which a recording counts as free of noise
 
-MAD_TO_SIGMA = 1.4826  # standard deviation of a normal over its median absolute deviation
+MAD_TO_SIGMA = 1.482602218505602  # of a normal: standard over median absolute deviation
 
 
 def second_difference_noise(values: Array) -> float:

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.statistics.dwell_noise import ARITHMETIC, pooled_noise
+from tiltcal.statistics.dwell_noise import ARITHMETIC, MAD_TO_SIGMA, pooled_noise
 
 ESTIMATORS = ("mean", "median", "huber", "tukey", "inliers")
-MAD = 1.482602218505602  # standard deviation of a normal over its median absolute deviation
 # tuning constants, in standard deviations: 95 % efficiency; rejection
 HUBER, TUKEY, REJECT = (
     1.345,
@@ -92,7 +91,7 @@ def _scale(residuals: Sequence[Array], code: float) -> float:
     Of codes it is a multiple of the code, perhaps none: half a code is the least.
     """
     spread = float(np.median(np.abs(np.concatenate(residuals))))
-    return max(MAD * spread, code / 2, ARITHMETIC)
+    return max(MAD_TO_SIGMA * spread, code / 2, ARITHMETIC)
 
 
 def _residuals(chunks: Sequence[Array], values: Array, scale: Array) -> list[Array]:

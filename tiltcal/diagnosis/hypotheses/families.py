@@ -25,21 +25,15 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     if not host.listed:
         return _same_curve(curve, host)
     if curve.listed and curve.alias:
-        other = host.effect
-        if curve.id != host.id or effect.sensor != other.sensor or not isinstance(effect, Learned):
-            return False
-        return not isinstance(other, Learned) or (
-            (other.lag, other.power) == (effect.lag, effect.power)
-            and len(curve.names) == len(host.names)
-        )
+        return _same_name(curve, host)
     if curve.listed:
         return _same_law(curve, host)
     assert isinstance(effect, Learned)
     if effect.is_step or (host.effect.seen_in is not None and effect.coordinate == "time"):
         return False  # a curve over time is the same in every recording
-    if effect.times or effect.relaxing or effect.instants:  # what varies or fades is no form of it
-        return False
-    if isinstance(effect, LearnedDelay):
+    # what varies or fades is no form of it
+    fades = effect.times or effect.relaxing or effect.instants
+    if fades or isinstance(effect, LearnedDelay):
         return False
     if curve.line_hz:
         return host.law.spectral_line == "time" and _cycle_of(curve, host)
@@ -63,6 +57,17 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
         return effect.axis == axis and effect.coordinate in own
     assert isinstance(effect, LearnedTilt)
     return family.has_tilt(effect.slot, effect.coordinate, host.effect.axis)
+
+
+def _same_name(curve: Hypothesis, host: Hypothesis) -> bool:
+    """Whether a curve under a name completes a form of that name, or is of the same form."""
+    effect, other = curve.effect, host.effect
+    if curve.id != host.id or effect.sensor != other.sensor or not isinstance(effect, Learned):
+        return False
+    return not isinstance(other, Learned) or (
+        (other.lag, other.power) == (effect.lag, effect.power)
+        and len(curve.names) == len(host.names)
+    )
 
 
 def _same_law(listed: Hypothesis, host: Hypothesis) -> bool:

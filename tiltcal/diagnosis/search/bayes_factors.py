@@ -32,6 +32,6 @@ def log_bayes_factor(gain: Array, ratio: Array) -> Array:
     return np.asarray(top + np.log(np.exp(by_width - top).mean(axis=0)))
 
 
-def perhaps(log_factor: Array, chance: float = 0.5) -> Array:
-    """Of directions that are in use with this chance only, (n,)."""
-    return np.asarray(np.logaddexp(np.log1p(-chance), np.log(chance) + log_factor))
+def perhaps(log_factor: Array) -> Array:
+    """Of directions that are in use with a chance of one half only, (n,)."""
+    return np.asarray(np.logaddexp(0.0, log_factor) - np.log(2))

@@ -5,9 +5,10 @@ for a form is then a sum over the coordinate: all places, widths and periods are
 over small ranges of it, without a column for each.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 
@@ -47,6 +48,28 @@ class Form:
 
 
 @dataclass(frozen=True)
+class Shapes:
+    """Forms of one kind over a range from 0 to 1.
+
+    Args:
+        knots: of each; periods: of each, 0 for none, (m,).
+        columns: their values in the middles of BINS ranges, (BINS, m); squares: of these.
+    """
+
+    knots: Sequence[Knots]
+    periods: Sequence[float]
+    columns: Array
+    squares: Array
+
+    @classmethod
+    def of(cls, forms: Sequence[tuple[Knots, float, Array]]) -> "Shapes":
+        """Forms by knots, period and values, (BINS,)."""
+        knots, periods, values = zip(*forms, strict=True)
+        columns = np.column_stack(values)
+        return cls(knots, periods, columns, columns**2)
+
+
+@dataclass(frozen=True)
 class Sums:
     """Over even ranges of a coordinate, for each curve of a cause.
 
@@ -61,13 +84,14 @@ class Sums:
     along: Array
     energy: Array
 
-    def gains(self, columns: Array) -> Array:
-        """What forms gain beside an offset, roughly. columns: (BINS, m)."""
+    def gains(self, shapes: Shapes) -> Array:
+        """What forms gain beside an offset, roughly, (m,)."""
         whole = np.maximum(self.energy.sum(axis=0), np.finfo(float).tiny)
-        rest = (columns**2).T @ self.energy - (columns.T @ self.energy) ** 2 / whole
+        level = shapes.columns.T @ self.energy
+        rest = shapes.squares.T @ self.energy - level**2 / whole
         there = rest > 1e-6 * whole
         offset = self.along.sum(axis=0) / whole
-        along = (columns.T @ self.along - (columns.T @ self.energy) * offset) ** 2
+        along = (shapes.columns.T @ self.along - level * offset) ** 2
         return np.asarray(np.where(there, along / np.where(there, rest, 1.0), 0.0).sum(axis=1))
 
 
@@ -87,14 +111,10 @@ def nearest_forms(
         return []
     found = []
     for shapes in _shapes():
-        best: tuple[float, Knots, float] = (-1.0, (0.0, 1.0), 0.0)
-        tried = 0
-        for knots, period, columns in shapes:
-            gains = sums.gains(columns)
-            k, tried = int(np.argmax(gains)), tried + len(knots)
-            best = max(best, (float(gains[k]), knots[k], period))
-        at = tuple(sums.low + sums.reach * k for k in best[1])
-        found.append(Form(tuple(formed(h, at, sums.reach * best[2]) for h in curves), tried))
+        k = int(np.argmax(sums.gains(shapes)))
+        knots = tuple(sums.low + sums.reach * at for at in shapes.knots[k])
+        period = sums.reach * shapes.periods[k]
+        found.append(Form(tuple(formed(h, knots, period) for h in curves), len(shapes.knots)))
     return found
 
 
@@ -147,42 +167,33 @@ def _followed(coordinate: str, fitted: FittedModel, whitened: WhitenedModel) -> 
     return found
 
 
-Shapes = Sequence[tuple[list[Knots], float, Array]]
-"""Knots of each form, their period, and their values, (BINS, m)."""
-
-
 @lru_cache(maxsize=1)
 def _shapes() -> tuple[Shapes, ...]:
-    """Steps, sawteeth and bumps over a range from 0 to 1."""
+    """Steps, sawteeth and bumps."""
     middles = (np.arange(BINS) + 0.5) / BINS
-    return _steps(middles), _saws(middles), _bumps(middles)
+    return tuple(Shapes.of(list(forms(middles))) for forms in (_steps, _saws, _bumps))
 
 
-def _steps(u: Array) -> Shapes:
-    places = np.linspace(0, 1, PLACES + 2)[1:-1]
-    return [
-        ([step_at(p, w) for p in places], 0.0, np.clip((u[:, None] - places) / w + 0.5, 0.0, 1.0))
-        for w in WIDTHS
-    ]
+Forms = Iterator[tuple[Knots, float, Array]]
+"""Knots, period and values of each."""
 
 
-def _saws(u: Array) -> Shapes:
+def _steps(u: Array) -> Forms:
+    for width, middle in product(WIDTHS, np.linspace(0, 1, PLACES + 2)[1:-1]):
+        yield step_at(middle, width), 0.0, np.clip((u - middle) / width + 0.5, 0.0, 1.0)
+
+
+def _saws(u: Array) -> Forms:
     """Each by the jump next to the middle of the range: its place then says nothing of the
     period.
     """
-    found = []
-    for period in 1 / TEETH:
-        jumps = 0.5 + period * (np.arange(JUMPS) / JUMPS - 0.5)
-        values = ((u[:, None] - jumps) / period) % 1.0
-        found.append(([saw_at(j, period) for j in jumps], float(period), values))
-    return found
+    for period, k in product(1 / TEETH, range(JUMPS)):
+        jump = 0.5 + period * (k / JUMPS - 0.5)
+        yield saw_at(jump, period), float(period), ((u - jump) / period) % 1.0
 
 
-def _bumps(u: Array) -> Shapes:
+def _bumps(u: Array) -> Forms:
     """By one of their numbers: the two beside it bend them."""
-    places, found = np.linspace(0, 1, PLACES), []
-    for width in WIDTHS:
-        far = np.abs(u[:, None] - places) / width
-        values = np.where(far < 2, np.cos(np.pi / 4 * far) ** 2, 0.0)
-        found.append(([bump_at(p, width) for p in places], 0.0, values))
-    return found
+    for width, middle in product(WIDTHS, np.linspace(0, 1, PLACES)):
+        far = np.abs(u - middle) / width
+        yield bump_at(middle, width), 0.0, np.where(far < 2, np.cos(np.pi / 4 * far) ** 2, 0.0)

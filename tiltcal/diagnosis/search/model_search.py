@@ -36,9 +36,8 @@ from tiltcal.diagnosis.search.state import (
 from tiltcal.statistics.noise_spectrum import white_noise
 
 LOOKED_AT = 14  # hypotheses of the largest evidence whose deviations are worked out
-AHEAD = 5  # names of them after which the next cause is looked for
-CURVES = 2  # of different places or coordinates, beside them
-HALF = 0.5  # of the best score: what has less is not looked at further
+AHEAD = 5  # of them after which the next cause is looked for
+HALF = 0.5  # of the best score, or of what is needed: what has less is not looked at further
 MOST = 5  # causes
 ROUNDS = 4  # of search and noise
 SETTLED = 0.1  # nats: less is not worth another round
@@ -200,17 +199,15 @@ def _split(state: State, scan: Scan) -> State:
     return state
 
 
-def _rivals(found: Sequence[Proposal]) -> list[Proposal]:
-    """The best proposals of those that are not far below the best: of each name one, of curves one
-    at each place and over each coordinate.
+def _rivals(found: Sequence[Proposal], needed: float = 0.0) -> list[Proposal]:
+    """The best proposal of every name, and the best curve, of those that are not far below the best
+    and what is needed.
     """
-    names: dict[object, Proposal] = {}
-    curves: dict[object, Proposal] = {}
+    rivals: dict[str, Proposal] = {}
     for p in found:
-        if p.score > HALF * found[0].score > 0:
-            law = p.explanation.hypothesis
-            (names if law.listed else curves).setdefault(law.id if law.listed else kind(law), p)
-    return [*list(names.values())[:AHEAD], *list(curves.values())[:CURVES]]
+        if p.score > HALF * max(found[0].score, needed) > 0:
+            rivals.setdefault(p.explanation.hypothesis.id, p)
+    return list(rivals.values())[:AHEAD]
 
 
 def _merged(state: State, scan: Scan) -> State:
@@ -263,7 +260,10 @@ def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:
     mine = [state.fitted.terms[state.fitted.findings()[k][0]] for k in which]
     if not found or [_use(t) for t in mine] == [_use(found[0].explanation.terms[0])]:
         return state
-    best = max(_shaped(_rivals(found) or found[:1], rest), key=lambda p: p.score)
+    rivals = _rivals(found, rest.cost - state.cost)
+    if not rivals:
+        return state
+    best = max(_shaped(rivals, rest), key=lambda p: p.score)
     return _cheaper(with_new(rest, best), state)
 
 

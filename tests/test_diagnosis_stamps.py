@@ -17,7 +17,7 @@ def moving(*effects, seed=5):
     truth = bench()
     table = truth.model_dump(exclude={"effect", "sequence"}, exclude_defaults=True, by_alias=True)
     table["sensor"][0]["rate_hz"] = 25.0
-    turns = np.random.default_rng(2).uniform(-170, 170, (40, 2))
+    turns = np.random.default_rng(2).uniform(-170, 170, (28, 2))
     sequence = [
         {"action": "move", "outer_deg": a, "inner_deg": b, "rate_deg_s": 60.0, "dwell_s": 1.5}
         for a, b in turns.tolist()

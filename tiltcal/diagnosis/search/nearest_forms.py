@@ -98,14 +98,15 @@ class Sums:
 def nearest_forms(
     curves: Sequence[Hypothesis], fitted: FittedModel, whitened: WhitenedModel
 ) -> list[Form]:
-    """The best step, sawtooth and bump in place of curves over one coordinate that are one cause.
+    """The best step, sawtooth and bump in place of curves over one coordinate that are one cause;
+    none by hand, where no table tells what the sensors feel.
 
     Args:
         curves: over the same coordinate; nothing is found for others.
         fitted: the model without them.
         whitened: the noise by which readings are weighed.
     """
-    coordinate = localisable(curves[0])
+    coordinate = localisable(curves[0]) if whitened.observations.courses else None
     sums = None if coordinate is None else _sums(curves, coordinate, fitted, whitened)
     if sums is None:
         return []
@@ -150,7 +151,7 @@ def _sums(
 def _followed(coordinate: str, fitted: FittedModel, whitened: WhitenedModel) -> list[Array]:
     """A coordinate at the readings of each channel, SI; NaN where it is not known."""
     observations, axis = whitened.observations, axis_of(coordinate)
-    watches = observations.watches(fitted.effects) if observations.courses else []
+    watches = observations.watches(fitted.effects)
     found = []
     for channel in observations.channels:
         recording = observations.recordings[channel.recording]

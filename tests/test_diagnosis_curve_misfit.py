@@ -29,7 +29,7 @@ def following_temperature(alias=None):
     effect = LearnedReading(
         {"c0": 1e-3}, "accel", "x", "found", coordinate="temperature", power=1.0, odd=True
     )
-    return Hypothesis(effect, ("c0",), 1, alias)
+    return Hypothesis(effect, ("c0",), alias)
 
 
 def square_on(axis):

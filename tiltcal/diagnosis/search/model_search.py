@@ -260,7 +260,8 @@ def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:
     mine = [state.fitted.terms[state.fitted.findings()[k][0]] for k in which]
     if not found or [_use(t) for t in mine] == [_use(found[0].explanation.terms[0])]:
         return state
-    rivals = _rivals(found, rest.cost - state.cost)
+    can_be = np.isfinite(state.cost)  # anything costs less than a size that cannot be
+    rivals = _rivals(found, rest.cost - state.cost if can_be else 0.0)
     if not rivals:
         return state
     best = max(_shaped(rivals, rest), key=lambda p: p.score)

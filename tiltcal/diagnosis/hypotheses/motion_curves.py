@@ -106,7 +106,8 @@ def _scales_by_inputs(
     for coordinate, lag in product(felt, MEMORIES):
         late = curve_over(LearnedReading, coordinate, 1, lag=lag, per_input=True, **where)
         yield proportional(late)
-    for coordinate, travel in product(felt if kind == "force" else (), LOADS):
+    # a narrow play tells which way a force last went, and an angle does that
+    for coordinate, travel in product(felt if kind == "force" else (), LOADS[1:]):
         state = {"play": travel, "per_input": True, **where}
         yield curve_over(LearnedReading, coordinate, EVEN, **state)
 

@@ -83,10 +83,12 @@ def waves_of(observations: Observations, fitted: FittedModel) -> tuple[Wave, ...
         ):
             if span := float(np.ptp(u)):
                 phase = 2 * np.pi * (u - u.min()) / (FINER * span)
-                for times in factors:
-                    signal = residual * own[rows] if times else residual
-                    n, strength = _strongest(phase, signal, FINER * first, LINES)
-                    found.append((strength, Wave(*place, name, FINER * span / n, times)))
+                signals = {"": residual, "input": residual * own[rows]}
+                (n, strength), times = max(
+                    ((_strongest(phase, signals[t], FINER * first, LINES), t) for t in factors),
+                    key=lambda each: each[0][1],
+                )
+                found.append((strength, Wave(*place, name, FINER * span / n, times)))
         speed = coordinate_of("speed", sense, own)[rows]
         for name in (angle_channel(axis) for axis in turning):
             angle = coordinate_of(name, sense, own)[rows]

@@ -160,13 +160,19 @@ def test_missing_readings_and_a_slower_fog_are_no_obstacle():
     assert off(found["gyro"], gyro, GYRO) < 0.4
 
 
-def test_a_quartic_is_smoothed_to_itself_at_uneven_stamps():
+@pytest.mark.parametrize("pause", [0.0, 300.0])
+def test_a_quartic_is_smoothed_to_itself_at_uneven_stamps(pause):
     """Of a motion whose fifth derivative is nothing no window leaves anything, whatever the gaps
-    between its samples.
+    between its samples; nor does a pause of the log, on either side of which it is the same.
     """
     rng = np.random.default_rng(4)
     time = 0.02 * np.arange(300) + rng.uniform(-0.004, 0.004, 300)
     course = np.column_stack([1 + time - 3 * time**2, 0.2 * time**4 - time**3])
-    found = smoothed(time, course, np.full(300, -1))
-    inside = slice(15, -15)
-    np.testing.assert_allclose(found[inside], course[inside], rtol=0, atol=1e-9)
+    read = np.arange(300)
+    found = smoothed(time + np.where(read < 150, 0.0, pause), course, np.full(300, -1))
+    inside = (read >= 15) & (read < 285)
+    away = inside & (np.abs(read - 149.5) > 15 if pause else True)
+    np.testing.assert_allclose(found[away], course[away], rtol=0, atol=1e-9)
+    # beside a pause by what is near, on one side: to a hundredth of a sample
+    step = np.abs(np.diff(course, axis=0)).max(axis=0)
+    assert np.all(np.abs(found - course)[inside] < 0.01 * step)

@@ -1,5 +1,7 @@
 """Readings of a hand-turned sensor without most of their noise, and without gaps."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -23,8 +25,9 @@ def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None)
 
 # of what is left by the shortest window: a longer one that leaves more has cut into the motion
 LEVEL = 1.03
-
-
+DEGREE = 4  # of the local polynomials
+UNTOLD = 1e-12  # of the samples of a window: directions that have no more information stay at zero
+AT_ONCE = 2**14  # windows
 HALF_WINDOWS = (3, 4, 5, 6, 8, 10, 12, 15)  # samples
 
 
@@ -59,19 +62,37 @@ def _quartics(time: Array, values: Array, half: int) -> tuple[Array, float]:
     """Local quartic fits over 2 half + 1 samples, (m, k), and the weight of a sample in its own
     value, on average. time: (m,); values: (m, k).
     """
+    padded = [np.pad(each, half, mode="reflect", reflect_type="odd") for each in (time, *values.T)]
+    found, own = np.empty_like(values), np.empty(len(time))
+    for first in range(0, len(time), AT_ONCE):
+        part = slice(first, min(first + AT_ONCE, len(time)))
+        stamps, *read = (
+            sliding_window_view(each[first : part.stop + 2 * half], 2 * half + 1) for each in padded
+        )
+        found[part], own[part] = _at_middles(stamps, read)
+    return found, float(own.mean())
 
-    def windows(each: Array) -> Array:
-        padded = np.pad(each, half, mode="reflect", reflect_type="odd")
-        return sliding_window_view(padded, 2 * half + 1)
 
-    since = windows(time) - time[:, None]
-    powers = (since / np.abs(since).max())[:, :, None] ** np.arange(5)
-    gram = np.einsum("mwi,mwj->mij", powers, powers)
-    along = np.stack([np.einsum("mwi,mw->mi", powers, windows(y)) for y in values.T], axis=2)
-    at_middle = np.zeros((len(time), 5, 1))
-    at_middle[:, 0] = 1.0
-    weights = np.linalg.solve(gram, at_middle)[:, :, 0]
-    return np.einsum("mi,mik->mk", weights, along), float(weights[:, 0].mean())
+def _at_middles(time: Array, values: Sequence[Array]) -> tuple[Array, Array]:
+    """The quartics through windows at their middles, (m, k), and the weights of the samples there
+    in them, (m,). time: (m, w); values: of each channel, (m, w).
+    """
+    since = time - time[:, [time.shape[1] // 2]]
+    u = since / np.abs(since).max(axis=1, keepdims=True)
+    power, sums, along = np.ones_like(u), [], []
+    for p in range(2 * DEGREE + 1):
+        sums.append(power.sum(axis=1))
+        if p <= DEGREE:
+            along.append([np.einsum("mw,mw->m", power, y) for y in values])
+        power = power * u
+    orders = np.arange(DEGREE + 1)
+    gram = np.moveaxis(np.array(sums)[orders[:, None] + orders], 2, 0)
+    # beside a long pause what is near tells no curvature
+    gram += UNTOLD * time.shape[1] * np.eye(DEGREE + 1)
+    level = np.zeros((len(u), DEGREE + 1, 1))
+    level[:, 0] = 1.0
+    weights = np.linalg.solve(gram, level)[:, :, 0]
+    return np.einsum("mp,pkm->mk", weights, np.array(along)), weights[:, 0]
 
 
 def bridged(sensor: Sensor, motion: Recording) -> Array:

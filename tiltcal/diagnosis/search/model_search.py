@@ -33,6 +33,7 @@ from tiltcal.diagnosis.search.state import (
     with_terms,
     without,
 )
+from tiltcal.effects.learned import Learned
 from tiltcal.statistics.noise_spectrum import white_noise
 
 LOOKED_AT = 14  # hypotheses of the largest evidence whose deviations are worked out
@@ -130,8 +131,13 @@ def _names(state: State) -> list[object]:
 
 
 def _place(hypothesis: Hypothesis) -> object:
-    """Where a name is; of a curve where it acts and what it follows."""
-    return hypothesis.place if hypothesis.listed else kind(hypothesis)
+    """Where a name is; of a curve where it acts, as an addition or a scale factor, and what it
+    follows, at once or late.
+    """
+    effect = hypothesis.effect
+    if hypothesis.listed or not isinstance(effect, Learned):
+        return hypothesis.place
+    return kind(hypothesis), effect.per_input, effect.lag > 0, effect.relaxing, effect.power
 
 
 def improved(state: State) -> State:

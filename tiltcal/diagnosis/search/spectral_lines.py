@@ -125,11 +125,9 @@ def _over_energy(time: Array, along: Array, energy: float) -> list[tuple[float, 
     values, rate = _evenly(time, along)
     size = next_fast_len(FINER * len(values), real=True)
     power = np.abs(np.fft.rfft(values, size)) ** 2 / energy
-    frequency = np.fft.rfftfreq(size, 1 / rate)
-    limit = max(float(np.median(power)) / np.log(2), 1.0) * np.log(len(values) / CHANCE)
-    peak = (power > limit) & (power >= np.roll(power, 1)) & (power >= np.roll(power, -1))
-    peak &= frequency > SLOWEST / max(float(time[-1] - time[0]), 1e-9)
-    return [(float(power[k]), float(frequency[k])) for k in np.flatnonzero(peak)]
+    frequency = np.asarray(np.fft.rfftfreq(size, 1 / rate), float)
+    floor = max(float(np.median(power)) / np.log(2), 1.0)
+    return _peaks(time, power, frequency, floor * np.log(len(values) / CHANCE))
 
 
 def echoes_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
@@ -182,14 +180,22 @@ def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
     n = len(values)
     size = next_fast_len(FINER * n, real=True)
     spectrum = np.abs(np.fft.rfft(values * np.hanning(n), size)) ** 2
-    frequency = np.fft.rfftfreq(size, 1 / rate)
+    frequency = np.asarray(np.fft.rfftfreq(size, 1 / rate), float)
     floor = _running_median(spectrum, FINER * max(n // 80, 16))
     ratio = spectrum / np.maximum(floor, 1e-300) * np.log(2)
-    limit = np.log(n / CHANCE)
-    peak = (ratio > limit) & (ratio >= np.roll(ratio, 1)) & (ratio >= np.roll(ratio, -1))
-    slow = SLOWEST / max(float(time[-1] - time[0]), 1e-9)
-    peak &= frequency > slow
-    found = [(float(ratio[k]), float(frequency[k])) for k in np.flatnonzero(peak)]
+    return _peaks(time, ratio, frequency, np.log(n / CHANCE))
+
+
+def _peaks(
+    time: Array, strength: Array, frequency: Array, limit: float
+) -> list[tuple[float, float]]:
+    """(strength, frequency) of the strongest peaks of a spectrum above a limit, but for those of
+    too few periods in these stamps, s.
+    """
+    left, right = np.roll(strength, 1), np.roll(strength, -1)
+    peak = (strength > limit) & (strength >= left) & (strength >= right)
+    peak &= frequency > SLOWEST / max(float(time[-1] - time[0]), 1e-9)
+    found = [(float(strength[k]), float(frequency[k])) for k in np.flatnonzero(peak)]
     return sorted(found, reverse=True)[:PEAKS]
 
 

@@ -222,10 +222,9 @@ def amended_of(
     ]
     for places in fitted.findings():
         effects = [_dated(fitted, k, first) for k in places]
+        effects = mean_and_rest(fitted, places, effects, observations)
         if fitted.terms[places[0]].hypothesis.listed:
             effects = _beyond_seen(effects)
-        else:
-            effects = mean_and_rest(fitted, places, effects, observations)
         marked += [(e, numbers[places[0]]) for e in effects]
     return amended_table(observations.scenario, marked, reference)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
+from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
@@ -38,12 +39,12 @@ def mean_and_rest(
     effects: Sequence[Effect],
     observations: Observations,
 ) -> list[Effect]:
-    """The effects of a finding without a name, as the amended scenario would hold them; of those
-    that are the history of one recording their mean over it, which lasts, and what is left of them,
-    which does not.
+    """The effects of a finding, as the amended scenario would hold them; of those that are the
+    history of one recording their mean over it, which lasts, and what is left of them, which does
+    not.
 
-    All of a finding that a history leads is one; of another, the histories and events among what
-    completes it.
+    All of a finding without a name that a history leads is one; of another, the histories and
+    events among what completes it. Of a listed law the histories that are no form of its own are.
 
     Args:
         fitted: the whole model.
@@ -51,12 +52,7 @@ def mean_and_rest(
         effects: of those terms.
         observations: the recordings.
     """
-    told = [
-        k
-        for k, effect in enumerate(effects)
-        if any(is_history(e, observations) for e in (effects[0], effect))
-        or _is_event(effect, observations)
-    ]
+    told = [k for k in range(len(places)) if _ends(k, fitted, places, effects, observations)]
     if not told:
         return list(effects)
     levels = [_level(effects[k]) for k in told]
@@ -71,6 +67,21 @@ def mean_and_rest(
     rest = [*(effects[k] for k in told), *(_times(mean, -1.0) for mean in means)]
     lasting = [e for k, e in enumerate(effects) if k not in told]
     return [*lasting, *means, *(replace(e, seen_in=first, lasts=False) for e in rest)]
+
+
+def _ends(
+    k: int,
+    fitted: FittedModel,
+    places: Sequence[int],
+    effects: Sequence[Effect],
+    observations: Observations,
+) -> bool:
+    """Whether the k-th term of a finding ends with the only recording there is."""
+    lead, term = (fitted.terms[places[i]].hypothesis for i in (0, k))
+    history = is_history(effects[k], observations)
+    if lead.listed:
+        return history and k > 0 and not completes(term, lead)
+    return history or is_history(effects[0], observations) or _is_event(effects[k], observations)
 
 
 def _is_event(effect: Effect, observations: Observations) -> bool:

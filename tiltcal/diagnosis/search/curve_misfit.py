@@ -1,10 +1,11 @@
-"""What a model of a law leaves of it: a cause of the other kind may be nothing but that.
+"""What a model of a law leaves of it: another cause may be nothing but that.
 
 A nameless curve is a far worse model of a law than a textbook form is of its own: it may follow
 another coordinate than the law does. What either leaves is a discrepancy with a prior (Kennedy and
 O'Hagan, J. R. Stat. Soc. B 63, 2001), whose energy is a share of the model's own.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,11 +21,12 @@ from tiltcal.effects.learned import Learned
 SHARES = np.array([1e-5, 1e-4, 1.6e-3, 0.02, 0.16, 0.45])
 """Energy that a listed law takes up of what a curve leaves of its law, in energies of the curve,
 each as probable as another: three where the curve follows the coordinate of its law, three where it
-follows another one. ``docs/diagnosis_model.md`` says how they were learnt.
+follows another one. A second curve takes up as much. ``docs/diagnosis_model.md`` says how they were
+learnt.
 """
-BEYOND_FAMILY = 10.0 ** np.array([-6.0, -5.0, -4.0])
+BEYOND_FAMILY = 10.0 ** np.array([-6.0, -5.0, -4.0, -3.0])
 """Energy that a nameless curve takes up of what a textbook form leaves of its law, in energies of
-the law: a hundredth of that by which the law deviates within its family.
+the law. ``docs/diagnosis_model.md`` says what this rests on.
 """
 
 
@@ -34,15 +36,28 @@ def largest_misfit(fitted: FittedModel) -> float:
     return float(max(SHARES if nameless else DEVIATIONS))
 
 
-def other_energy(state: State, k: int) -> float:
-    """What the causes of the other kind (nameless beside a listed one, listed beside a nameless
-    one) explain without a cause, each channel as far as the cause acts there: fall of the deviance.
+def of_other_kind(state: State, k: int) -> list[int]:
+    """The nameless causes beside a listed one, and the listed ones beside a nameless one."""
+    every = laws(state.fitted)
+    return [j for j, law in enumerate(every) if law.listed != every[k].listed]
+
+
+def larger_curves(state: State, k: int) -> list[int]:
+    """The nameless causes beside the k-th without which the deviance rises more."""
+    gain = [without(state, j).fitted.deviance for j in range(len(state.causes))]
+    every = enumerate(laws(state.fitted))
+    return [j for j, law in every if not law.listed and gain[j] > gain[k]]
+
+
+def energy_beside(state: State, k: int, which: Sequence[int]) -> float:
+    """What some causes explain without the k-th, each channel as far as the k-th acts there: fall
+    of the deviance.
     """
+    if not which:
+        return 0.0
     rest = without(state, k)
-    kind = laws(state.fitted)[k].listed
-    which = [j for j, law in enumerate(laws(rest.fitted)) if law.listed != kind]
     own = _explained(rest.fitted, state.fitted)
-    others = _explained(without(rest, *which).fitted, rest.fitted)
+    others = _explained(without(state, k, *which).fitted, rest.fitted)
     return float(own @ others) / max(float(own.sum()), np.finfo(float).tiny)
 
 
@@ -62,14 +77,11 @@ def misfit_odds(gain: float, energy: float, shares: Array = SHARES) -> float:
     return as_misfit - as_cause
 
 
-def nearest_other(state: State, k: int) -> int:
-    """The cause of the other kind that explains most in the channels of the k-th."""
+def nearest(state: State, k: int, which: Sequence[int]) -> int:
+    """Of some causes that which explains most in the channels of the k-th."""
     rest = without(state, k)
-    own, kind = _explained(rest.fitted, state.fitted), laws(state.fitted)[k].listed
-    return max(
-        (j for j, law in enumerate(laws(state.fitted)) if j != k and law.listed != kind),
-        key=lambda j: own @ _explained(without(state, j, k).fitted, rest.fitted),
-    )
+    own = _explained(rest.fitted, state.fitted)
+    return max(which, key=lambda j: own @ _explained(without(state, j, k).fitted, rest.fitted))
 
 
 def same_curve(state: State, k: int) -> int | None:

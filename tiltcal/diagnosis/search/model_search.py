@@ -49,6 +49,12 @@ Visit = tuple[list[object], float]
 
 def proposals(fitted: FittedModel, whitened: WhitenedModel, scan: Scan) -> list[Proposal]:
     """What may explain the residual of a model, best first, each place at its best shape."""
+    found = [p for p in looked_at(fitted, whitened, scan) if possible(p.explanation.terms[0])]
+    return sorted(found, key=lambda p: -p.score)
+
+
+def looked_at(fitted: FittedModel, whitened: WhitenedModel, scan: Scan) -> list[Proposal]:
+    """The hypotheses of the largest evidence, with sizes that cannot be among them."""
     score = scan.log_bayes_factors(fitted) + scan.log_odds
     seen: dict[object, int] = {}
     for k in np.argsort(-score):
@@ -57,13 +63,9 @@ def proposals(fitted: FittedModel, whitened: WhitenedModel, scan: Scan) -> list[
         seen.setdefault((place, 0 if hypothesis.listed else len(hypothesis.names)), int(k))
         if len(seen) == LOOKED_AT:
             break
-    found = []
-    for k in seen.values():
-        normal = scan.products.normal_equations(k, fitted)
-        told = explained_by(normal, fitted, whitened)
-        if told is not None and possible(told.terms[0]):
-            found.append(Proposal(told, float(scan.log_odds[k])))
-    return sorted(found, key=lambda p: -p.score)
+    normals = [(k, scan.products.normal_equations(k, fitted)) for k in seen.values()]
+    told = [(k, explained_by(normal, fitted, whitened)) for k, normal in normals]
+    return [Proposal(t, float(scan.log_odds[k])) for k, t in told if t is not None]
 
 
 def most_probable(

@@ -12,15 +12,18 @@ from tiltcal.diagnosis.search import priors
 from tiltcal.diagnosis.search.best_shape import best_shape, in_shapes
 from tiltcal.diagnosis.search.curve_misfit import (
     BEYOND_FAMILY,
+    SHARES,
+    energy_beside,
+    larger_curves,
     misfit_odds,
-    nearest_other,
-    other_energy,
+    nearest,
+    of_other_kind,
     same_curve,
     taken_in,
 )
 from tiltcal.diagnosis.search.explanation import evidence_in_place, explain, possible
 from tiltcal.diagnosis.search.local_level import local_level
-from tiltcal.diagnosis.search.model_search import proposals
+from tiltcal.diagnosis.search.model_search import looked_at
 from tiltcal.diagnosis.search.name_probabilities import (
     AGAIN,
     UNLISTED,
@@ -78,16 +81,17 @@ def _most_probable_in_place(
     best = max(own, key=lambda r: r.score)
     assert best.proposal is not None
     other = refitted(with_cause(state, k, best.proposal))
-    if UNLISTED not in (mine, stated) and not other.cost < state.cost + SEPARABLE / 2:
+    worse = UNLISTED not in (mine, stated) and not other.cost < state.cost + SEPARABLE / 2
+    if worse or not np.isfinite(other.cost):
         return _most_probable_in_place(state, k, [r for r in rows if r.name != stated])
-    return (other, rows, best) if np.isfinite(other.cost) else (state, rows, rows[0])
+    return other, rows, best
 
 
 def without_misfits(state: State, scan: Scan) -> tuple[State, tuple[int, ...]]:
     """A state whose causes are laws of their own, and which of its causes they were: a listed one
     that is more probably what a nameless curve leaves of its law completes that curve's form, a
-    nameless one that is more probably what a textbook form leaves of its law completes that form,
-    and so does a further curve of the same place and coordinate.
+    nameless one that is more probably what a textbook form, or a larger curve, leaves of its law
+    completes that form, and so does a further curve of the same place and coordinate.
     """
     kept = list(range(len(state.fitted.findings())))
     while True:
@@ -100,20 +104,23 @@ def without_misfits(state: State, scan: Scan) -> tuple[State, tuple[int, ...]]:
 
 def _part(state: State, k: int, scan: Scan) -> tuple[int, int] | None:
     """A cause that completes another one, and that one; None where it is a law of its own."""
-    if _is_misfit(state, k, scan):
-        return k, nearest_other(state, k)
-    j = same_curve(state, k)
-    return None if j is None else (k, j)
+    others = of_other_kind(state, k)
+    if laws(state.fitted)[k].listed:
+        return (k, nearest(state, k, others)) if _is_misfit(state, k, scan) else None
+    if (j := same_curve(state, k)) is not None:
+        return k, j
+    for which, shares in ((others, BEYOND_FAMILY), (larger_curves(state, k), SHARES)):
+        energy = energy_beside(state, k, which)
+        gain = without(state, k).fitted.deviance - state.fitted.deviance
+        if energy > 0 and misfit_odds(gain, energy, shares) > NAMELESS:
+            return k, nearest(state, k, which)
+    return None
 
 
 def _is_misfit(state: State, k: int, scan: Scan) -> bool:
-    """Whether a cause is no thing of its own, but what those of the other kind leave."""
-    energy = other_energy(state, k)
-    if not energy > 0:
+    """Whether a listed cause is no thing of its own, but what nameless ones leave of their laws."""
+    if not energy_beside(state, k, of_other_kind(state, k)) > 0:
         return False
-    if not laws(state.fitted)[k].listed:
-        gain = without(state, k).fitted.deviance - state.fitted.deviance
-        return misfit_odds(gain, energy, BEYOND_FAMILY) > NAMELESS
     rows = _rows(state, k, scan)
     best = max((r for r in rows if r.name == UNLISTED), key=lambda r: r.score)
     return best.misfit and not name_probabilities(rows).listed
@@ -124,7 +131,8 @@ def _misfits(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
     which of the listed takes that up is as open as which is a cause, but they leave it for certain.
     The form is the same; what differs is the prior of its size, which no coarsening blurs.
     """
-    energy = other_energy(state, k) if laws(state.fitted)[k].listed else 0.0
+    listed = laws(state.fitted)[k].listed
+    energy = energy_beside(state, k, of_other_kind(state, k)) if listed else 0.0
     for row in rows:
         if energy > 0 and row.name != UNLISTED and row.gain > 0:
             odds = misfit_odds(2 * row.gain, energy) - FURTHER
@@ -164,8 +172,9 @@ def _rows(state: State, k: int, scan: Scan) -> list[Row]:
     terms = _terms(state, k)
     evidence, gain = evidence_in_place(terms, cause.tried, rest.fitted, whitened)
     rows = [Row(_name(terms), evidence + cause.prior, evidence, gain / 2)]
-    law, first = terms[0].hypothesis, proposals(rest.fitted, whitened, scan)
-    known = {id(p.explanation.hypothesis) for p in first}
+    law, every = terms[0].hypothesis, looked_at(rest.fitted, whitened, scan)
+    known = {id(p.explanation.hypothesis) for p in every}
+    first = [p for p in every if possible(p.explanation.terms[0])]
     for p in (*_at_its_shape(law, first, rest), *_at_its_instant(law, rest, scan)):
         e = p.explanation
         if not _same(e.hypothesis, law):  # once, at the shape that it has

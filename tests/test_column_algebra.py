@@ -6,7 +6,7 @@ import pytest
 from tiltcal.diagnosis.model import tried_shapes
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix, columns_of
 from tiltcal.diagnosis.model.cosine_basis import basis_of, project, projected
-from tiltcal.diagnosis.model.normal_equations import explained_beside
+from tiltcal.diagnosis.model.normal_equations import explained_beside, left_beside
 from tiltcal.diagnosis.model.tried_shapes import TriedShapes
 
 LENGTHS = (60, 45)
@@ -40,6 +40,16 @@ def test_what_columns_explain_beside_a_basis(model):
     assert explained_beside(columns, basis, target) == pytest.approx(expected)
     together = BlockDesignMatrix([*columns_of(basis), *columns], LENGTHS)
     assert together.explained(target) == pytest.approx(expected)
+
+
+def test_what_columns_leave_beside_a_basis_is_the_rest_of_the_energy(model):
+    columns, basis, target = model
+    left = left_beside(columns, basis, target)
+    mine = basis_of([projected(basis, c, LENGTHS) for c in columns], LENGTHS)
+    for i, expected in enumerate(project(mine, target)):
+        np.testing.assert_allclose(left[i], expected, atol=1e-12)
+    only = left_beside([{1: columns[-1][1]}], basis, target)
+    assert list(only) == [1]
 
 
 def test_a_column_within_the_basis_explains_nothing(model):

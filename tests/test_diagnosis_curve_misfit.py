@@ -6,12 +6,18 @@ import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded, tumble
 
+from tiltcal.diagnosis.conclusions.one_recording import mean_and_rest
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit
-from tiltcal.diagnosis.search.curve_misfit import BEYOND_FAMILY, energy_beside, misfit_odds
+from tiltcal.diagnosis.search.curve_misfit import (
+    BEYOND_FAMILY,
+    energy_beside,
+    misfit_odds,
+    taken_in,
+)
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.names import named, without_misfits
 from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
@@ -147,6 +153,24 @@ def test_the_smaller_of_two_curves_in_a_channel_completes_the_larger(axis, size_
     assert found == kept
     hosts = [t.host for t in left.fitted.terms]
     assert hosts == [None, laws(left.fitted)[0] if len(kept) == 1 else None]
+
+
+def test_what_a_textbook_form_leaves_over_time_ends_with_its_recording():
+    over_time = LearnedReading(
+        {"c0": 1e-3}, "accel", "x", "found", coordinate="time", power=1.0, odd=True
+    )
+    law, left_over = square_on("x"), Hypothesis(over_time, ("c0",))
+    state = state_of([law, left_over], {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 5e5})
+    whole = taken_in(state, 1, 0).fitted
+    effects = mean_and_rest(
+        whole, whole.findings()[0], [t.effect for t in whole.terms], state.whitened.observations
+    )
+    assert [(e.id, e.lasts) for e in effects] == [
+        ("acc_K2", True),
+        ("learned", True),  # its mean
+        ("learned", False),
+        ("learned", False),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,8 @@ from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explanation import evidence_in_place, explain
 from tiltcal.diagnosis.search.local_level import local_level
 from tiltcal.diagnosis.search.name_probabilities import Row, imitation_odds, name_probabilities
-from tiltcal.diagnosis.search.names import _imitated, _is_again
 from tiltcal.diagnosis.search.priors import UNLISTED, log_priors
+from tiltcal.diagnosis.search.rows_in_place import _imitated, _is_again
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import State
 from tiltcal.effects import CATALOGUE
@@ -307,7 +307,6 @@ def test_what_is_no_line_has_no_level(square):
         ({"a": 0.8, "b": 0.15, "unlisted": 0.05}, ("a", "b"), False),
         ({"a": 0.85, "b": 0.02, "unlisted": 0.13}, ("a",), True),
         ({"a": 0.6, "unlisted": 0.25, "b": 0.15}, ("a", "b"), True),
-        ({"unlisted": 0.6, "a": 0.4}, (), False),
         ({"a": 0.8, "unlisted": 0.1, "near": 0.1}, ("a", "near"), False),
     ],
 )
@@ -320,3 +319,22 @@ def test_a_class_holds_the_cause_with_nine_tenths(probabilities, alike, in_doubt
     names = name_probabilities(rows)
     assert names.alike == alike
     assert names.in_doubt == in_doubt
+    assert names.perhaps == ()
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "perhaps"),
+    [
+        ({"unlisted": 0.92, "a": 0.08}, ()),
+        ({"unlisted": 0.6, "a": 0.4}, ("a",)),
+        ({"unlisted": 0.6, "a": 0.31, "b": 0.09}, ("a",)),
+        ({"unlisted": 0.55, "a": 0.3, "b": 0.15}, ("a", "b")),
+    ],
+)
+def test_beside_a_law_that_no_list_has_stand_the_names_of_nine_tenths(probabilities, perhaps):
+    rows = [
+        Row(name, float(np.log(p)), -100.0 * k, 0.0)
+        for k, (name, p) in enumerate(probabilities.items())
+    ]
+    names = name_probabilities(rows)
+    assert (names.perhaps, names.alike, names.in_doubt) == (perhaps, (), False)

@@ -31,7 +31,8 @@ class SpectralLines:
 
     Args:
         tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move;
-            late: Hz, in the delay of stamps; ripples: a turn of an axis.
+            late: Hz, in the delay of stamps; sways: Hz, in tilts of the base; ripples: a turn of an
+            axis.
         waves: over the input of a channel, temperature or a table angle.
     """
 
@@ -39,6 +40,7 @@ class SpectralLines:
     shakes: tuple[float, ...] = ()
     echoes: tuple[float, ...] = ()
     late: tuple[float, ...] = ()
+    sways: tuple[float, ...] = ()
     ripples: tuple[int, ...] = ()
     waves: tuple[Wave, ...] = ()
 
@@ -57,6 +59,7 @@ class SpectralLines:
             new(self.shakes, known.shakes),
             (),
             new(self.late, known.late),
+            new(self.sways, known.sways),
             ripples,
             waves,
         )

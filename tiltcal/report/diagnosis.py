@@ -99,6 +99,7 @@ def _list(findings: Sequence[Finding]) -> str:
 def _named(finding: Finding) -> str:
     if finding.effect is None:
         what = f"a curve of no listed effect over {finding.where.coordinate}"
+        what = " or ".join((what, *finding.names[1:]))
     else:
         what = " or ".join(in_words(finding.names))
     sizes = ", ".join(

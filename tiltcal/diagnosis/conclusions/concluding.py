@@ -97,19 +97,24 @@ def _finding(
         name_probability=names.probability,
     )
     if not term.hypothesis.listed and isinstance(effect, Learned):
-        found = _unlisted(unnamed, effect, seen_range(effect, observations))
+        found = _unlisted(unnamed, effect, names.perhaps, seen_range(effect, observations))
     else:
         found = _named(unnamed, term, names, law)
     return replace(found, statement=found.statement + LATE) if names.late else found
 
 
-def _unlisted(finding: Finding, effect: Learned, seen: SeenRange | None) -> Finding:
-    """The finding as a curve that no effect of the catalogue fits."""
+def _unlisted(
+    finding: Finding, effect: Learned, perhaps: Sequence[str], seen: SeenRange | None
+) -> Finding:
+    """The finding as a curve that no effect of the catalogue fits, or perhaps one of some names."""
     words = learned_name(effect)
+    others = ", ".join(perhaps)
+    other = f" (or it is {others}: this recording cannot tell)" if others else ""
     return replace(
         finding,
+        names=(UNLISTED, *perhaps) if perhaps else (),
         where=replace(finding.where, seen=seen),
-        statement=f"{words[0].upper()}{words[1:]}: no named effect has this form."
+        statement=f"{words[0].upper()}{words[1:]}: no named effect has this form{other}."
         + fitted_as(finding.parts)
         + (seen.words if seen else ""),
         next_measurement=next_step((), effect),

@@ -32,8 +32,13 @@ def periodic_curves(
     for cls, where in _places(scenario, sensors) if lines.tones else ():
         for frequency, count in product(lines.tones, HARMONICS):
             yield curve_over(cls, "time", harmonics(count), period=1 / frequency, **where)
-    for where, frequency, count in product(stamped(scenario, sensors), lines.late, HARMONICS):
-        yield curve_over(LearnedDelay, "time", harmonics(count), period=1 / frequency, **where)
+    modulated: list[tuple[type[Learned], dict[str, Any], tuple[float, ...]]] = [
+        *((LearnedDelay, where, lines.late) for where in stamped(scenario, sensors)),
+        *((LearnedTilt, where, lines.sways) for where in frames(scenario, "base")),
+    ]
+    for cls, where, own in modulated:
+        for frequency, count in product(own, HARMONICS):
+            yield curve_over(cls, "time", harmonics(count), period=1 / frequency, **where)
 
 
 def stamped(scenario: Scenario, sensors: Sequence[str]) -> list[dict[str, Any]]:
@@ -51,7 +56,15 @@ def _places(scenario: Scenario, sensors: Sequence[str]) -> Iterator[Place]:
             yield LearnedReading, {"sensor": sensor.name, "axis": axis}
     for axis in scenario.rig.kind.turning:
         yield LearnedReadout, {"axis": axis, "place": "table"}
-    if scenario.rig.axes:
-        for slot, turns, place in (("base", "xy", "environment"), ("mount", "xyz", "mount")):
-            for turn in turns:
-                yield LearnedTilt, {"slot": slot, "turn": turn, "place": place}
+    for where in frames(scenario, "base", "mount"):
+        yield LearnedTilt, where
+
+
+def frames(scenario: Scenario, *slots: str) -> list[dict[str, Any]]:
+    """The tilts of frames, base or mount; none by hand."""
+    known = {"base": ("xy", "environment"), "mount": ("xyz", "mount")}
+    return [
+        {"slot": slot, "turn": turn, "place": known[slot][1]}
+        for slot in (slots if scenario.rig.axes else ())
+        for turn in known[slot][0]
+    ]

@@ -79,13 +79,35 @@ def explained_beside(
         basis: orthonormal, by channel, (n, q).
         target: free of it, by channel, (n,).
     """
+    _, _, equations = _beside(columns, basis, target)
+    return equations.gain(range(len(equations.target)))
+
+
+def left_beside(
+    columns: Sequence[Columns], basis: Sequence[Array], target: Sequence[Array]
+) -> dict[int, Array]:
+    """What such columns leave of the target in the channels that they change, (n,) each."""
+    matrix, inside, equations = _beside(columns, basis, target)
+    values = equations.solve(range(matrix.count))
+    along = inside.T @ values
+    each = zip(matrix.where, matrix.blocks, basis, target, strict=True)
+    return {
+        i: r - block @ values[numbers] + B @ along
+        for i, (numbers, block, B, r) in enumerate(each)
+        if block.shape[1]
+    }
+
+
+def _beside(
+    columns: Sequence[Columns], basis: Sequence[Array], target: Sequence[Array]
+) -> tuple[BlockDesignMatrix, Array, NormalEquations]:
+    """The columns, their inner products with the basis, and their normal equations beside it."""
     matrix = BlockDesignMatrix(columns, [len(r) for r in target])
     inside = np.zeros((matrix.count, basis[0].shape[1]))
     for numbers, block, B in zip(matrix.where, matrix.blocks, basis, strict=True):
         inside[numbers] += block.T @ B
-    return _projected(matrix.gram, matrix.along(target), inside, [0] * matrix.count, []).gain(
-        range(matrix.count)
-    )
+    owner = [0] * matrix.count
+    return matrix, inside, _projected(matrix.gram, matrix.along(target), inside, owner, [])
 
 
 def gram_of(members: Sequence[int], whitened: WhitenedModel) -> Array:

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.cosine_basis import basis_of, project, projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
+from tiltcal.diagnosis.model.normal_equations import left_beside
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 
 OCTAVE = 2.0  # from the lowest frequency of a neighbourhood to the highest
@@ -32,14 +32,12 @@ def local_level(
     """
     if not (frequency := law.line_hz):
         return 1.0
-    lengths = [len(r) for r in fitted.residual]
     own = stored_of(whitened, [FittedTerm.start(h) for h in (law, *family)])
-    mine = basis_of([projected(fitted.basis, c, lengths) for c in own], lengths)
-    left = project(mine, fitted.residual)
+    left = left_beside(own, fitted.basis, fitted.residual)
+    channels = whitened.observations.channels
     found = [
-        part[_near(frequency, float(np.ptp(channel.time)), len(part))]
-        for channel, part, Q in zip(whitened.observations.channels, left, mine, strict=True)
-        if np.any(Q)
+        part[_near(frequency, float(np.ptp(channels[i].time)), len(part))]
+        for i, part in left.items()
     ]
     powers = np.concatenate(found) ** 2 if found else np.ones(1)
     return max(float(powers.mean()), 1.0)

@@ -41,6 +41,8 @@ class Names:
             those that explain as much, and those that a class of CREDIBLE probability needs; none
             where that is no name of the catalogue.
         in_doubt: whether such a class needs ``unlisted`` beside them.
+        perhaps: where none of the catalogue is the most probable, the names that a class of
+            CREDIBLE probability needs beside it.
         rivals: (name, cosine, separation) of the nearest names, the most probable first.
         late: whether no curve over the temperature of now explains it.
     """
@@ -50,6 +52,7 @@ class Names:
     rivals: tuple[tuple[str, float, float], ...]
     late: bool = False
     in_doubt: bool = False
+    perhaps: tuple[str, ...] = ()
 
     @property
     def listed(self) -> bool:
@@ -125,8 +128,10 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     more = _needed(chance, {first, *near})
     in_doubt = UNLISTED in more
     near += [n for n in more if n != UNLISTED]
+    perhaps: list[str] = []
     if chance.get(UNLISTED, 0.0) > 0.5:
         near, first, in_doubt = [], "", False
+        perhaps = _needed(chance, {UNLISTED})
     rivals = [n for n in order if n not in (first, UNLISTED) and best[n].gain][:SHOWN]
     return Names(
         shown,
@@ -140,6 +145,7 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
             for n in rivals
         ),
         in_doubt=in_doubt,
+        perhaps=tuple(perhaps),
     )
 
 

@@ -1,20 +1,17 @@
 """Spectral lines in the residual, at unknown frequencies in time."""
 
-from collections.abc import Callable, Sequence
-
 import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import fastest
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.diagnosis.search.lines_over_angles import CHANCE, FINER, MOST, ripples_of, waves_of
+from tiltcal.diagnosis.search.lines_in_coefficients import late_of, sways_of
+from tiltcal.diagnosis.search.lines_over_angles import CHANCE, FINER, ripples_of, waves_of
+from tiltcal.diagnosis.search.spectral_peaks import SLOWEST, apart, evenly, peaks
 from tiltcal.effects.electronics.mains import WANDER
 from tiltcal.effects.spans import SpectralLines
-from tiltcal.statistics.noise_spectrum import robust_white
 
-SLOWEST = 4  # periods of a recording: below it a drift looks like a line
-PEAKS = 40  # of a channel, the strongest
 WIDE = (6, 12, 24, 48, 96)  # widths of a line, of a band that a wandering line may fill
 
 
@@ -25,6 +22,7 @@ def spectral_lines_of(observations: Observations, fitted: FittedModel) -> Spectr
         shakes_of(observations, fitted),
         echoes_of(observations, fitted),
         late_of(observations, fitted),
+        sways_of(observations, fitted),
         ripples_of(observations, fitted),
         waves_of(observations, fitted),
     )
@@ -37,7 +35,7 @@ def tones_of(observations: Observations, fitted: FittedModel) -> tuple[float, ..
         observations.channels, observations.residuals(fitted.effects), strict=True
     ):
         found += _lines(channel.time, residual)
-    return _apart(found, lambda _: 0.02)
+    return apart(found, lambda _: 0.02)
 
 
 def wandering_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
@@ -55,7 +53,7 @@ def wandering_of(observations: Observations, fitted: FittedModel) -> tuple[float
     ):
         if not _lines(channel.time, residual):  # a strong one has skirts
             found += _smeared(channel.time, residual)
-    return _apart(found, lambda _: 1 / duration)
+    return apart(found, lambda _: 1 / duration)
 
 
 def shakes_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
@@ -86,48 +84,7 @@ def shakes_of(observations: Observations, fitted: FittedModel) -> tuple[float, .
     duration = float(np.ptp(observations.recordings[0].time))
     # slower than that the table's own turns look like lines
     slowest = max(20 / duration, 4 * fastest(observations) / (2 * np.pi))
-    return _apart([(power, f) for power, f in found if f > slowest], lambda _: 2 / duration)
-
-
-def late_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
-    """Frequencies, Hz, of lines in the delay of stamps, strongest first: of a buffer that fills and
-    is emptied, of packets with a wrong interval.
-
-    A delay shows in proportion to the slope of a reading: a sine and a cosine times the slopes are
-    compared with the residual, a constant delay taken out.
-    """
-    found: list[tuple[float, float]] = []
-    left = observations.residuals(fitted.effects)
-    for number, watch in enumerate(observations.watches(fitted.effects)):
-        for sensor, slopes in watch.slopes(None).items():
-            along, energy = np.zeros((2, len(watch.time)))
-            for channel, residual in zip(observations.channels, left, strict=True):
-                if (channel.recording, channel.sensor, channel.derived) != (number, sensor, False):
-                    continue
-                rows = np.minimum(channel.rows // observations.block, len(along) - 1)
-                noise = robust_white(residual)
-                slope = slopes[rows, channel.column] / noise
-                along[rows] += residual / noise * slope
-                energy[rows] += slope**2
-            if (whole := float(energy.sum())) > 0:
-                along = along - along.sum() / whole * energy
-                found += _over_energy(watch.time, along, whole)
-    duration = float(np.ptp(observations.recordings[0].time))
-    return _apart(found, lambda _: 1 / duration)
-
-
-def _over_energy(time: Array, along: Array, energy: float) -> list[tuple[float, float]]:
-    """(power over noise, frequency) of peaks in the spectrum of products of a residual with what it
-    is compared with, whose squares sum to an energy.
-    """
-    from scipy.fft import next_fast_len
-
-    values, rate = _evenly(time, along)
-    size = next_fast_len(FINER * len(values), real=True)
-    power = np.abs(np.fft.rfft(values, size)) ** 2 / energy
-    frequency = np.asarray(np.fft.rfftfreq(size, 1 / rate), float)
-    floor = max(float(np.median(power)) / np.log(2), 1.0)
-    return _peaks(time, power, frequency, floor * np.log(len(values) / CHANCE))
+    return apart([(power, f) for power, f in found if f > slowest], lambda _: 2 / duration)
 
 
 def echoes_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
@@ -156,18 +113,7 @@ def echoes_of(observations: Observations, fitted: FittedModel) -> tuple[float, .
         k = int(np.argmax(np.where(seen, power, 0.0)))
         if power[k] > floor * np.log(len(summed) / CHANCE):
             found.append((float(power[k] / floor), float(frequency[k])))
-    return _apart(found, lambda f: 0.03 * f)
-
-
-def _apart(
-    found: Sequence[tuple[float, float]], width: Callable[[float], float]
-) -> tuple[float, ...]:
-    """The strongest of (power, frequency) that are further apart than the width of a line."""
-    kept: list[float] = []
-    for _, f in sorted(found, reverse=True):
-        if len(kept) < MOST and all(abs(f - other) > width(f) for other in kept):
-            kept.append(f)
-    return tuple(kept)
+    return apart(found, lambda f: 0.03 * f)
 
 
 def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
@@ -176,27 +122,14 @@ def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
 
     if len(residual) < 256:
         return []
-    values, rate = _evenly(time, residual - residual.mean())
+    values, rate = evenly(time, residual - residual.mean())
     n = len(values)
     size = next_fast_len(FINER * n, real=True)
     spectrum = np.abs(np.fft.rfft(values * np.hanning(n), size)) ** 2
     frequency = np.asarray(np.fft.rfftfreq(size, 1 / rate), float)
     floor = _running_median(spectrum, FINER * max(n // 80, 16))
     ratio = spectrum / np.maximum(floor, 1e-300) * np.log(2)
-    return _peaks(time, ratio, frequency, np.log(n / CHANCE))
-
-
-def _peaks(
-    time: Array, strength: Array, frequency: Array, limit: float
-) -> list[tuple[float, float]]:
-    """(strength, frequency) of the strongest peaks of a spectrum above a limit, but for those of
-    too few periods in these stamps, s.
-    """
-    left, right = np.roll(strength, 1), np.roll(strength, -1)
-    peak = (strength > limit) & (strength >= left) & (strength >= right)
-    peak &= frequency > SLOWEST / max(float(time[-1] - time[0]), 1e-9)
-    found = [(float(strength[k]), float(frequency[k])) for k in np.flatnonzero(peak)]
-    return sorted(found, reverse=True)[:PEAKS]
+    return peaks(time, ratio, frequency, np.log(n / CHANCE))
 
 
 def _smeared(time: Array, residual: Array) -> list[tuple[float, float]]:
@@ -209,7 +142,7 @@ def _smeared(time: Array, residual: Array) -> list[tuple[float, float]]:
 
     if len(residual) < 256:
         return []
-    values, rate = _evenly(time, residual - residual.mean())
+    values, rate = evenly(time, residual - residual.mean())
     n = len(values)
     power = np.abs(np.fft.rfft(values)) ** 2
     ratio = power / np.maximum(_running_median(power, max(n // 80, 16)), 1e-300) * np.log(2)
@@ -221,19 +154,6 @@ def _smeared(time: Array, residual: Array) -> list[tuple[float, float]]:
         for first in SLOWEST + np.flatnonzero(chance < CHANCE):
             found |= {k: float(ratio[k]) for k in range(first, first + m) if ratio[k] > np.log(m)}
     return [(strength, k * rate / n) for k, strength in found.items()]
-
-
-def _evenly(time: Array, values: Array) -> tuple[Array, float]:
-    """The values on an even grid, nothing where a row was lost, (m,), and its rate, Hz: a lost row
-    shifts the phase of the rest.
-    """
-    step = float(np.median(np.diff(time)))
-    place = np.rint((time - time[0]) / step).astype(np.intp)
-    if place[-1] > 2 * len(time):  # long gaps, or stamps of no rate
-        return values, (len(values) - 1) / float(time[-1] - time[0])
-    even = np.zeros(int(place[-1]) + 1)
-    even[place] = values
-    return even, float(place[-1]) / float(time[-1] - time[0])
 
 
 def _running_median(values: Array, width: int) -> Array:

@@ -1,0 +1,59 @@
+"""The base tilts to and fro, slower than the table turns: in the readings that is no line."""
+
+import numpy as np
+from diagnosis_fixtures import honest
+from test_diagnosis_stamps import moving
+
+from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.search.lines_in_coefficients import sways_of
+from tiltcal.diagnosis.search.spectral_lines import tones_of
+
+EVERY = 15.3  # s
+LASTS = 121.0  # s
+SAW = {
+    "id": "learned",
+    "on": "tilt",
+    "slot": "base",
+    "turn": "y",
+    "coordinate": "time",
+    "period": EVERY,
+    "knots": [0.0, EVERY],
+    "coefficients": [0.0, 4e-4],
+}
+"""82 arcsec in each 15.3 s, then back to nothing."""
+
+
+def prepared(*effects):
+    scenario, recording = moving(*effects)
+    return prepare(honest(scenario), [recording])
+
+
+def near(frequencies):
+    """Whether one is that of the cycle to half the width of a line."""
+    return any(abs(f - 1 / EVERY) < 0.5 / LASTS for f in frequencies)
+
+
+def test_a_cycle_of_the_base_is_a_line_in_its_tilt_and_none_in_the_readings():
+    found = prepared(SAW)
+    assert near(sways_of(found.observations, found.start))
+    assert not near(tones_of(found.observations, found.start))
+
+
+def test_a_base_that_stands_still_has_none():
+    found = prepared()
+    assert sways_of(found.observations, found.start) == ()
+
+
+def test_a_cycle_of_the_base_is_a_finding_there():
+    """Its mean, half of the saw, is a table that is not level."""
+    scenario, recording = moving(SAW)
+    found = diagnose(honest(scenario), [recording])
+    assert found.verdict == "unlisted"
+    mean, cycle = found.findings
+    assert mean.effect == "table_levelling"
+    tilt, sigma = mean.parameters["tilt_north_arcsec"]
+    assert abs(tilt - np.degrees(2e-4) * 3600) < 3 * sigma
+    assert (cycle.effect, cycle.stage) == (None, "environment")
+    assert "tilt of the frame 'base' about y" in cycle.statement
+    assert "period of 15.3 s" in cycle.statement

@@ -1,0 +1,48 @@
+"""Peaks of a spectrum: lines that stand out of it."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.search.lines_over_angles import MOST
+
+SLOWEST = 4  # periods of a recording: below it a drift looks like a line
+PEAKS = 40  # of a channel, the strongest
+
+
+def evenly(time: Array, values: Array) -> tuple[Array, float]:
+    """The values on an even grid, nothing where a row was lost, (m,), and its rate, Hz: a lost row
+    shifts the phase of the rest.
+    """
+    step = float(np.median(np.diff(time)))
+    place = np.rint((time - time[0]) / step).astype(np.intp)
+    if place[-1] > 2 * len(time):  # long gaps, or stamps of no rate
+        return values, (len(values) - 1) / float(time[-1] - time[0])
+    even = np.zeros(int(place[-1]) + 1)
+    even[place] = values
+    return even, float(place[-1]) / float(time[-1] - time[0])
+
+
+def peaks(
+    time: Array, strength: Array, frequency: Array, limit: float
+) -> list[tuple[float, float]]:
+    """(strength, frequency) of the strongest peaks of a spectrum above a limit, but for those of
+    too few periods in these stamps, s.
+    """
+    left, right = np.roll(strength, 1), np.roll(strength, -1)
+    peak = (strength > limit) & (strength >= left) & (strength >= right)
+    peak &= frequency > SLOWEST / max(float(time[-1] - time[0]), 1e-9)
+    found = [(float(strength[k]), float(frequency[k])) for k in np.flatnonzero(peak)]
+    return sorted(found, reverse=True)[:PEAKS]
+
+
+def apart(
+    found: Sequence[tuple[float, float]], width: Callable[[float], float]
+) -> tuple[float, ...]:
+    """The strongest of (power, frequency) that are further apart than the width of a line."""
+    kept: list[float] = []
+    for _, f in sorted(found, reverse=True):
+        if len(kept) < MOST and all(abs(f - other) > width(f) for other in kept):
+            kept.append(f)
+    return tuple(kept)

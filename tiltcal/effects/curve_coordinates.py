@@ -18,10 +18,12 @@ INPUTS = {
 }
 MOTION = ("speed", "since_move", "since_start", "moves")
 """Coordinates that tell how a table moved."""
-COORDINATES = (*INPUTS, "input", "transverse", "time", "temperature", "warming", "braking", *MOTION)
+OF_SENSOR = ("input", "transverse", "turned", "time", "temperature", "warming", "braking")
+COORDINATES = (*INPUTS, *OF_SENSOR, *MOTION)
 """What a curve may follow, beside the angle of a table axis: ``table_<axis>``.
 
-``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``warming``: dT/dt;
+``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``turned``: angle that a
+rate sensor turned about its own axis since the first stamp; ``warming``: dT/dt;
 ``speed``: magnitude of the rate of turn; ``braking``: minus its change per second; ``since_move``,
 ``since_start``: time since the last move ended, began; ``moves``: how many there were.
 """
@@ -69,6 +71,8 @@ def sensed(name: str, sense: Sense, own: Array) -> Array:
         return np.asarray(getattr(sense, quantity)[:, axis])
     if name == "transverse":
         return np.asarray(np.linalg.norm(np.cross(sense.rate, sense.input_vector), axis=1))
+    if name == "turned":
+        return turned_by(own, sense.time)
     if name == "speed":
         return np.asarray(np.linalg.norm(sense.rate, axis=1))
     if name == "braking":
@@ -76,6 +80,12 @@ def sensed(name: str, sense: Sense, own: Array) -> Array:
     if name in ("since_move", "since_start", "moves"):
         return np.asarray(getattr(sense, name))
     return {"input": own, "time": sense.elapsed, "temperature": sense.temperature}[name]
+
+
+def turned_by(rate: Array, time: Array) -> Array:
+    """Angle since the first stamp, rad, (n, ...): the trapezoids of a rate, rad/s, (n, ...)."""
+    steps = np.diff(time).reshape(-1, *[1] * (rate.ndim - 1)) * (rate[1:] + rate[:-1]) / 2
+    return np.concatenate([np.zeros_like(rate[:1]), np.cumsum(steps, axis=0)])
 
 
 def _braking(rate: Array, acceleration: Array) -> Array:

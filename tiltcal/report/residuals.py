@@ -15,6 +15,7 @@ from tiltcal.setup.tables import axis_of
 WORDS = {
     "input": "own reading",
     "transverse": "rate across the axis",
+    "turned_deg": "angle turned about the axis",
     "since_move": "time since the last move",
     "since_start": "time since the last move began",
     "speed_deg_s": "speed of turn",

@@ -24,6 +24,7 @@ OWN = {
     "force": ("g", G0),
     "rate": ("deg_s", DEG),
     "transverse": ("deg_s", DEG),
+    "turned": ("deg", DEG),
     "speed": ("deg_s", DEG),
     "braking": ("deg_s2", DEG),
     "since_move": ("s", 1.0),

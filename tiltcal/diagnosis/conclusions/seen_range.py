@@ -17,6 +17,7 @@ UNITS = {
     "force": ("m_s2", 1.0),
     "rate": ("deg_s", DEGREE),
     "transverse": ("deg_s", DEGREE),
+    "turned": ("deg", DEGREE),
     "speed": ("deg_s", DEGREE),
     "braking": ("deg_s2", DEGREE),
     "angular_acceleration": ("deg_s2", DEGREE),
@@ -72,7 +73,7 @@ def seen_range(effect: Learned, observations: Observations) -> SeenRange | None:
     if effect.beside or effect.play:
         return None
     name = effect.coordinate
-    key = f"{effect.sensor}_input" if name == "input" else name
+    key = f"{effect.sensor}_{name}" if name in ("input", "turned") else name
     ends = ranges_of(observations, SpectralLines()).ranges.get(key)
     if ends is None:
         return None

@@ -27,6 +27,7 @@ FOLLOWS = {
 LEARNED_WORD = {
     "input": "tilt",
     "transverse": "rate",
+    "turned": "tilt",
     "warming": "temperature",
     "since_move": "move",
     "since_start": "move",
@@ -119,6 +120,7 @@ def learned_name(effect: Learned) -> str:
 IN_WORDS = {
     "input": "its own input",
     "transverse": "the rate across its axis",
+    "turned": "the angle that it turned about its axis",
     "warming": "the rate of warming",
     "since_move": "the time since the last move",
     "since_start": "the time since the last move began",

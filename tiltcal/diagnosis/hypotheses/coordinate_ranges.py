@@ -4,6 +4,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.observations import Channel, Observations
+from tiltcal.effects.curve_coordinates import turned_by
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
 from tiltcal.setup.tables import angle_channel
 
@@ -26,6 +27,7 @@ def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRan
         ranges[f"angular_acceleration_{a}"] = (-most, most)
     if most := max(quickest.values(), default=0.0):
         ranges["braking"] = (-most, most)
+    ranges |= _by_hand(observations)
     rate = max(_sampling_rate(r.time) for r in observations.recordings)
     return CoordinateRanges(duration, rate, lines, ranges)
 
@@ -67,6 +69,19 @@ def _inputs(observations: Observations) -> Ranges:
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         known = found.get(key, (low, high))
         found[key] = (min(low, known[0]), max(high, known[1]))
+    return found
+
+
+def _by_hand(observations: Observations) -> Ranges:
+    """Angles that rate sensors turned by hand about their own axes, rad: no table tells them."""
+    found: Ranges = {}
+    scenario = observations.scenario
+    for sensor in () if scenario.rig.axes else scenario.sensors("gyro", "fog"):
+        read = [r.sensor(sensor) for r in observations.recordings if r.has(sensor)]
+        turned = [turned_by(np.nan_to_num(each.values), each.time) for each in read]
+        if turned:
+            low, high = min(float(a.min()) for a in turned), max(float(a.max()) for a in turned)
+            found[f"{sensor.name}_turned"] = (low, high)
     return found
 
 

@@ -125,12 +125,20 @@ def _reading_curves(
     turns = [f"angular_acceleration_{a}" for a in "xyz"]
     own = f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}"
     across = ["transverse"] if sensor.kind == "fog" else []
-    for coordinate in ("input", "time", "temperature", "warming", *inputs, *turns, *across):
+    for coordinate in (
+        "input",
+        "turned",
+        "time",
+        "temperature",
+        "warming",
+        *inputs,
+        *turns,
+        *across,
+    ):
         if coordinate == own:
             continue
-        if knots := even_knots(
-            coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7
-        ):
+        of_sensor = coordinate in ("input", "turned")
+        if knots := even_knots(f"{sensor.name}_{coordinate}" if of_sensor else coordinate, span, 7):
             yield curve_over(LearnedReading, coordinate, knots, **where)
             if coordinate in (*inputs, "transverse"):
                 yield from powers(coordinate, where)

@@ -40,7 +40,7 @@ def peaks(
 def apart(
     found: Sequence[tuple[float, float]], width: Callable[[float], float]
 ) -> tuple[float, ...]:
-    """The strongest of (power, frequency) that are further apart than the width of a line."""
+    """The strongest of (power, frequency) that are further apart than the width of a line, Hz."""
     kept: list[float] = []
     for _, f in sorted(found, reverse=True):
         if len(kept) < MOST and all(abs(f - other) > width(f) for other in kept):

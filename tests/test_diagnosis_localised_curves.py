@@ -147,3 +147,19 @@ def test_a_step_that_creeps_on_is_one_event_with_one_time_constant():
     assert [e["time_s"] for e in steps if "creep_s" not in e] == [pytest.approx(100.03, abs=0.1)]
     assert [e["creep_s"] for e in steps if "creep_s" in e] == [pytest.approx(15.0, rel=0.15)]
     assert sum(e["bias_step_y_ug"] for e in steps) == pytest.approx(2000.0, rel=0.02)
+
+
+def test_a_cross_axis_term_that_changes_at_an_instant_is_a_step_of_that_term():
+    """A correction that is lost: 600 ppm of y in x from then on."""
+    truth = bench()
+    whole = recorded(truth, 5)
+    instant = 0.55 * whole.time[-1]
+    lost = 6e-4 * whole.column("accel_y_m_s2") * (whole.time > instant)
+    read = whole.column("accel_x_m_s2") + lost
+    found = diagnose(honest(truth), [rewritten(whole, accel_x_m_s2=read)])
+    assert found.verdict == "unlisted"
+    (finding,) = found.findings
+    assert finding.axes == ("x",)
+    assert "follows time, in proportion to the force along body y" in finding.statement
+    (effect,) = [e for e in found.amended["effect"] if e.get("times") and e.get("lasts", True)]
+    assert effect["times"] == "force_y"

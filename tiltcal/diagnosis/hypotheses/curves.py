@@ -124,23 +124,13 @@ def _reading_curves(
     inputs = [f"{q}_{a}" for q in ("force", "rate") for a in "xyz"]
     turns = [f"angular_acceleration_{a}" for a in "xyz"]
     own = f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}"
-    across = ["transverse"] if sensor.kind == "fog" else []
-    for coordinate in (
-        "input",
-        "turned",
-        "time",
-        "temperature",
-        "warming",
-        *inputs,
-        *turns,
-        *across,
-    ):
-        if coordinate == own:
-            continue
+    sideways = ["transverse"] if sensor.kind == "fog" else []
+    others = [c for c in (*inputs, *turns, *sideways) if c != own]
+    for coordinate in ("input", "turned", "time", "temperature", "warming", *others):
         of_sensor = coordinate in ("input", "turned")
         if knots := even_knots(f"{sensor.name}_{coordinate}" if of_sensor else coordinate, span, 7):
             yield curve_over(LearnedReading, coordinate, knots, **where)
-            if coordinate in (*inputs, "transverse"):
+            if coordinate in others and coordinate not in turns:
                 yield from powers(coordinate, where)
     for coordinate in ("time", "temperature"):
         if knots := even_knots(coordinate, span, 5):
@@ -150,6 +140,10 @@ def _reading_curves(
                 yield proportional(scale)
     if scenario.rig.axes:
         across = [c for c in inputs if c != own and even_knots(c, span, 2)]
+        for other in (c for c in across if c.startswith(own[:-2])):
+            yield curve_over(
+                LearnedReading, "time", even_knots("time", span, 5), times=other, **where
+            )
         yield from varying_coefficients(sensor, across, span, where)
         yield from products(sensor, across, where)
     yield from _late_laws(sensor, axis, span, bool(scenario.rig.axes))

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.effects.curve_coordinates import INPUTS
 from tiltcal.effects.learned import Learned, LearnedReading
 from tiltcal.setup.tables import axis_of
 
@@ -50,14 +51,16 @@ def is_localised(hypothesis: Hypothesis) -> bool:
 
 def localisable(hypothesis: Hypothesis) -> str | None:
     """The coordinate of now that a curve without a name follows, where it may have such a form: a
-    table angle, a temperature, a channel's own input; of a scale factor the time, too. An addition
-    that steps with time is listed.
+    table angle, a temperature, a channel's own input; of a scale factor and of what another input
+    is multiplied by the time, too. An addition that steps with time is listed.
     """
     effect = hypothesis.effect
     if hypothesis.listed or not isinstance(effect, Learned):
         return None
-    if effect.beside or effect.power or effect.lag or effect.times or effect.play:
+    if effect.beside or effect.power or effect.lag or effect.play:
         return None
+    if effect.times:
+        return "time" if effect.coordinate == "time" and effect.times in INPUTS else None
     local = effect.coordinate in ("temperature", "input", *(["time"] if effect.per_input else []))
     return effect.coordinate if local or axis_of(effect.coordinate) else None
 

@@ -49,35 +49,29 @@ def _lines_of(
     found: list[tuple[float, float]] = []
     for constant in constants:
         changes = observations.changes(constant, fitted.effects)
-        for number in range(len(observations.recordings)):
-            found += _lines_in(changes, left, number, observations)
+        for number, watch in enumerate(observations.watches(fitted.effects)):
+            found += _lines_in(changes, left, number, watch.time, observations)
     duration = float(np.ptp(observations.recordings[0].time))
     return apart(found, lambda _: 1 / duration)
 
 
 def _lines_in(
-    changes: Columns, left: Columns, number: int, observations: Observations
+    changes: Columns, left: Columns, number: int, time: Array, observations: Observations
 ) -> list[tuple[float, float]]:
     """(power over noise, frequency) of lines in a coefficient in one recording: a cosine times what
     it changes is compared with what is left, a constant taken out.
 
     Args:
         changes: of each channel, by some of the coefficient; left: of its readings.
-        number: of the recording.
+        number: of the recording; time: of its rows or blocks, s, (n,).
     """
-    own = [
-        (channel, changes[i], left[i])
-        for i, channel in enumerate(observations.channels)
-        if i in changes and channel.recording == number and not channel.derived
-    ]
-    if not own:
-        return []
-    time = np.unique(np.concatenate([channel.time for channel, _, _ in own]))
     along, energy = np.zeros((2, len(time)))
-    for channel, change, residual in own:
-        noise, places = robust_white(residual), np.searchsorted(time, channel.time)
-        along[places] += residual * change / noise**2
-        energy[places] += (change / noise) ** 2
+    for i, channel in enumerate(observations.channels):
+        if i in changes and channel.recording == number and not channel.derived:
+            noise = robust_white(left[i])
+            rows = np.minimum(channel.rows // observations.block, len(time) - 1)
+            along[rows] += left[i] * changes[i] / noise**2
+            energy[rows] += (changes[i] / noise) ** 2
     whole = float(energy.sum())
     return _over_energy(time, along - along.sum() / whole * energy, whole) if whole > 0 else []
 

@@ -39,8 +39,8 @@ def local_level(
         part[_near(frequency, float(np.ptp(channels[i].time)), len(part))]
         for i, part in left.items()
     ]
-    powers = np.concatenate(found) ** 2 if found else np.ones(1)
-    return max(float(powers.mean()), 1.0)
+    powers = np.concatenate([*found, np.zeros(0)]) ** 2
+    return max(float(powers.mean()), 1.0) if len(powers) else 1.0
 
 
 def _near(frequency: float, duration: float, n: int) -> slice:

@@ -43,8 +43,8 @@ def mean_and_rest(
     history of one recording their mean over it, which lasts, and what is left of them, which does
     not.
 
-    All of a finding without a name that a history leads is one; of another, the histories and
-    events among what completes it. Of a listed law the histories that are no form of its own are.
+    Of a finding without a name that a history leads, what completes its form is one, too; of any,
+    further histories and events. Of a listed law the histories that are no form of its own are.
 
     Args:
         fitted: the whole model.
@@ -78,10 +78,12 @@ def _ends(
 ) -> bool:
     """Whether the k-th term of a finding ends with the only recording there is."""
     lead, term = (fitted.terms[places[i]].hypothesis for i in (0, k))
+    own = k == 0 or completes(term, lead)
     history = is_history(effects[k], observations)
     if lead.listed:
-        return history and k > 0 and not completes(term, lead)
-    return history or is_history(effects[0], observations) or _is_event(effects[k], observations)
+        return history and not own
+    led = own and is_history(effects[0], observations)
+    return history or led or _is_event(effects[k], observations)
 
 
 def _is_event(effect: Effect, observations: Observations) -> bool:

@@ -4,9 +4,10 @@ own axis.
 
 import numpy as np
 import pytest
-from diagnosis_fixtures import rewritten
+from diagnosis_fixtures import bench, rewritten
 from test_hand_motion import FOG, scenario, turned
 
+from tiltcal.core.errors import TiltcalError
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.effects.curve_coordinates import turned_by
 
@@ -20,7 +21,7 @@ def test_an_angle_is_the_sum_of_trapezoids():
 
 
 def test_a_twisted_fibre_is_a_curve_over_the_angle():
-    """An offset that is a sine of the angle, without rest in most of the range."""
+    """An offset that is a sine of the angle, as large as the noise of a sample."""
     recording, _, fog = turned(4, seconds=150.0)
     angle = turned_by(fog, recording.time)
     twisted = recording.column("fog_a_rad_s") + FOG * np.sin(angle / 0.4)
@@ -30,6 +31,13 @@ def test_a_twisted_fibre_is_a_curve_over_the_angle():
     assert finding.sensors == ("fog",)
     assert "the angle that it turned about its axis" in finding.statement
     assert found.after.chi2_per_dof < 1.1
+
+
+def test_only_a_rate_sensor_turns_by_an_angle():
+    curve = {"id": "learned", "on": "reading", "sensor": "accel", "axis": "x"}
+    over = {"coordinate": "turned", "knots": [0.0, 1.0], "coefficients": [0.0, 1e-3]}
+    with pytest.raises(TiltcalError, match="a gyro or a FOG"):
+        bench(curve | over)
 
 
 def test_a_recording_by_hand_without_it_has_none():

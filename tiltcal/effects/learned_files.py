@@ -162,6 +162,13 @@ def _where(
             need="an axis of this table",
             do="correct it",
         )
+    if coordinate == "turned" and setup.named(str(sensor)).quantity != "rate":
+        raise TiltcalError(
+            subject,
+            found=f"coordinate 'turned' of sensor '{sensor}'",
+            need="a gyro or a FOG, whose rate is summed up to an angle",
+            do="correct it",
+        )
     axes = setup.named(str(sensor)).axes if on == "reading" else setup.rig.axis_names
     if on != "tilt":
         one_of(str(axis), axes, subject, "axis")

@@ -31,7 +31,7 @@ class SpectralLines:
 
     Args:
         tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move;
-            late: Hz, in the delay of stamps; sways: Hz, in tilts of the base; ripples: a turn of an
+            late: Hz, in the delay of stamps; base_tilts: Hz, of the base; ripples: a turn of an
             axis.
         waves: over the input of a channel, temperature or a table angle.
     """
@@ -40,7 +40,7 @@ class SpectralLines:
     shakes: tuple[float, ...] = ()
     echoes: tuple[float, ...] = ()
     late: tuple[float, ...] = ()
-    sways: tuple[float, ...] = ()
+    base_tilts: tuple[float, ...] = ()
     ripples: tuple[int, ...] = ()
     waves: tuple[Wave, ...] = ()
 
@@ -59,7 +59,7 @@ class SpectralLines:
             new(self.shakes, known.shakes),
             (),
             new(self.late, known.late),
-            new(self.sways, known.sways),
+            new(self.base_tilts, known.base_tilts),
             ripples,
             waves,
         )

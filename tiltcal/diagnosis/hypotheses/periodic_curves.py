@@ -34,7 +34,7 @@ def periodic_curves(
             yield curve_over(cls, "time", harmonics(count), period=1 / frequency, **where)
     modulated: list[tuple[type[Learned], dict[str, Any], tuple[float, ...]]] = [
         *((LearnedDelay, where, lines.late) for where in stamped(scenario, sensors)),
-        *((LearnedTilt, where, lines.sways) for where in frames(scenario, "base")),
+        *((LearnedTilt, where, lines.base_tilts) for where in frames(scenario, "base")),
     ]
     for cls, where, own in modulated:
         for frequency, count in product(own, HARMONICS):

@@ -32,7 +32,7 @@ def late_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...
     return _lines_of((d.effect for d in delays), observations, fitted)
 
 
-def sways_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
+def base_tilts_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
     """Frequencies, Hz, of lines in the tilts of the base, strongest first: of a bearing whose air
     is refilled, of a building.
     """

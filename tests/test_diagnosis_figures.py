@@ -14,6 +14,7 @@ from tiltcal.diagnosis.conclusions.noise_variance import noise_dependences
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.search.claimed_causes import CLAIM
 from tiltcal.diagnosis.search.slow_variation import slow_variations
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.statistics.cosine_transform import cosines, quick_length
@@ -185,9 +186,9 @@ def test_slow_variation_below_the_effect_of_coarse_codes_is_not_told():
     truth = bench(noisy(200.0), noise=False)
     found = prepare(honest(truth), [recorded(truth, 3)])
     left = NoiseGate(None, len(found.whitened.hypotheses)).left_by(found.start, found.whitened)
-    assert slow_variations(left, 0.95, {})
-    assert slow_variations(left, 0.95, {"accel": 1e-6})
-    assert not slow_variations(left, 0.95, {"accel": 1.0})  # m/s2
+    assert slow_variations(left, CLAIM, {})
+    assert slow_variations(left, CLAIM, {"accel": 1e-6})
+    assert not slow_variations(left, CLAIM, {"accel": 1.0})  # m/s2
 
 
 TINY = 1e-6  # m/s2: beside it a reading is its prediction

@@ -8,7 +8,10 @@ from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.search.explanation import evidence_in_place, possible
 from tiltcal.diagnosis.search.state import Doubt, State, laws, refitted, repriced, without
 
-CLAIM = 0.95  # probability from which a cause is claimed: a false alarm costs 19 times a miss
+CLAIM = 0.99
+"""Probability from which a cause is claimed: a false alarm costs 99 times a miss, so at most one
+claim in a hundred is wrong. What is more probable than not is told as a doubt.
+"""
 
 
 def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], tuple[Doubt, ...]]:

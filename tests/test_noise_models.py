@@ -7,13 +7,8 @@ from diagnosis_fixtures import bench, honest, recorded
 from scipy.signal import lfilter
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.statistics.noise_spectrum import (
-    CONFIDENCE,
-    NoiseFit,
-    cosines,
-    estimate_noise,
-    white_at_rest,
-)
+from tiltcal.statistics.dwell_noise import white_at_rest
+from tiltcal.statistics.noise_spectrum import CONFIDENCE, NoiseFit, cosines, estimate_noise
 from tiltcal.statistics.white_flicker_walk import LEAST_WHITE, WhiteFlickerWalk
 
 MODELS = [

@@ -13,8 +13,9 @@ import mujoco.batch
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, Streams, no_streams
+from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
 from tiltcal.effects.mechanisms import Spring, World
+from tiltcal.effects.streams import Streams, no_streams
 from tiltcal.forward.kinematics import true_angles, world_of
 from tiltcal.setup.loads import load_jet
 from tiltcal.setup.setup import Setup

@@ -16,9 +16,10 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import rotation, unit
-from tiltcal.effects.base import Effect, FrameEffect, Streams, no_streams
+from tiltcal.effects.base import Effect, FrameEffect
 from tiltcal.effects.loads import masses_of
 from tiltcal.effects.mechanisms import Cogging, Context, Gap, Mechanism, Ring, Spring, Turn, World
+from tiltcal.effects.streams import Streams, no_streams
 from tiltcal.forward.kinematics import link_offset, turns_at
 from tiltcal.laboratory.scenario_tables import Dynamics
 from tiltcal.setup.setup import Setup

@@ -22,7 +22,8 @@ from mujoco import sysid
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.effects.base import AngleEffect, Effect, Streams
+from tiltcal.effects.base import AngleEffect, Effect
+from tiltcal.effects.streams import Streams
 from tiltcal.forward.kinematics import true_angles, world_of
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.fixed_effects import fixed_error

@@ -13,7 +13,7 @@ SignalEffect    what does the reading become?                  sensor, electroni
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -28,13 +28,6 @@ from tiltcal.effects.stepwise import Memoryless, StepEffect, Stepping
 from tiltcal.effects.traits import Traits
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Drive, Jet
-
-Streams = Callable[["Effect"], np.random.Generator | None]
-"""A fresh random stream for an effect, the same at each call; None: random effects are off."""
-
-
-def no_streams(effect: "Effect") -> None:
-    """Random effects switched off."""
 
 
 @dataclass(frozen=True)

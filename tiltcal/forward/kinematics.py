@@ -17,17 +17,10 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import (
-    AngleEffect,
-    Effect,
-    FrameEffect,
-    LinkEffect,
-    Streams,
-    WorldEffect,
-    no_streams,
-)
+from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, LinkEffect, WorldEffect
 from tiltcal.effects.loads import masses_of
 from tiltcal.effects.mechanisms import Context, Ring, Turn, World
+from tiltcal.effects.streams import Streams, no_streams
 from tiltcal.setup.chain import Place
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import bearing

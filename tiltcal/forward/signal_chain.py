@@ -11,15 +11,9 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, shown
 from tiltcal.core.frames import tilt_of_force
-from tiltcal.effects.base import (
-    DelayEffect,
-    Effect,
-    SignalEffect,
-    Streams,
-    WritingEffect,
-    no_streams,
-)
+from tiltcal.effects.base import DelayEffect, Effect, SignalEffect, WritingEffect
 from tiltcal.effects.sense import Sense
+from tiltcal.effects.streams import Streams, no_streams
 from tiltcal.forward.adc import coded, converted, fine_grid
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.setup.chain import Place

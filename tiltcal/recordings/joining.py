@@ -9,9 +9,10 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.means_table import MeansTable
-from tiltcal.recordings.recording import JOINS, Recording
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.samples import Labels
 
+JOINS = "joined at s"  # metadata: stamps at which another recording begins
 GAP = 60.0  # s between them in the joined time: no dwell reaches over it
 
 
@@ -50,9 +51,27 @@ def joined(recordings: Sequence[Recording], mount: str) -> Recording:
     return Recording.from_columns(time, columns, labels=labels, metadata=metadata, source=source)
 
 
+def joins_of(recording: Recording) -> Array:
+    """Stamps at which another recording begins, s, (j,); none of a single recording.
+
+    Raises:
+        TiltcalError: the metadata do not hold numbers.
+    """
+    stated = recording.metadata.get(JOINS, "")
+    try:
+        return np.array([float(word) for word in stated.split(",") if word.strip()])
+    except ValueError as error:
+        raise TiltcalError(
+            f"{recording.source}, metadata '{JOINS}'",
+            found=f"'{stated}'",
+            need="times in seconds, separated by commas",
+            do="correct the line, or delete it",
+        ) from error
+
+
 def parts_of(recording: Recording) -> list[Recording]:
     """The recordings that one was joined of, in its time; itself where it was not."""
-    joins = recording.joins
+    joins = joins_of(recording)
     if not len(joins):
         return [recording]
     cuts = [0, *np.searchsorted(recording.time, joins - GAP / 2).tolist(), len(recording)]

@@ -24,8 +24,6 @@ from tiltcal.setup.tables import angle_channel, axis_of
 if TYPE_CHECKING:
     import pyarrow as pa
 
-JOINS = "joined at s"  # metadata: stamps at which another recording begins
-
 
 @dataclass(frozen=True)
 class Recording(Tabular):
@@ -219,24 +217,6 @@ class Recording(Tabular):
             return None
         require_measurable(self.column(name), self.time, name, self.source)
         return np.asarray(self.column(name) * COLUMN_UNITS[str(split_unit(name)[1])].factor)
-
-    @property
-    def joins(self) -> Array:
-        """Stamps at which another recording begins, s, (j,); none of a single recording.
-
-        Raises:
-            TiltcalError: the metadata do not hold numbers.
-        """
-        stated = self.metadata.get(JOINS, "")
-        try:
-            return np.array([float(word) for word in stated.split(",") if word.strip()])
-        except ValueError as error:
-            raise TiltcalError(
-                f"{self.source}, metadata '{JOINS}'",
-                found=f"'{stated}'",
-                need="times in seconds, separated by commas",
-                do="correct the line, or delete it",
-            ) from error
 
     def require_increasing(self) -> "Recording":
         """Itself, when time runs forward.

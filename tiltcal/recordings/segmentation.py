@@ -17,6 +17,7 @@ from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.quantisation import code_width
 from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
+from tiltcal.recordings.joining import joins_of
 from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.stamps import require_measurable
@@ -106,7 +107,7 @@ def find_segments(
             rows, ~quiet | _turning(recording.time[rows], rates, quiet), len(recording)
         )
         parted.append(rows[breaks(recording.time[rows], values, quiet)])
-    parted.append(np.searchsorted(recording.time, recording.joins))
+    parted.append(np.searchsorted(recording.time, joins_of(recording)))
     return _segments(recording, ~moving, np.concatenate(parted), guard, shortest)
 
 

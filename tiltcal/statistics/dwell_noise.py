@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Index
 from tiltcal.core.quantisation import code_width
 
 ARITHMETIC = 1e-9  # SI: standard deviation below which a recording counts as free of noise
 
+FEW = 50  # readings at rest that tell the noise
 MAD_TO_SIGMA = 1.482602218505602  # of a normal: standard over median absolute deviation
 
 
@@ -31,6 +32,30 @@ def white_of(second: Array) -> float:
     against outliers.
     """
     return float(MAD_TO_SIGMA * np.median(np.abs(second)) / np.sqrt(6))
+
+
+def robust_white(residual: Array) -> float:
+    """White noise from second differences, in which no slow signal is left. residual: (n,)."""
+    return _not_below_codes(second_differences(residual))
+
+
+def white_at_rest(values: Array, stop: Index) -> float:
+    """The same of readings within stops, whose levels differ; of all where the table hardly rests.
+
+    Args:
+        values: (n,). stop: number of the stop of each, -1 while moving, (n,).
+    """
+    from_one = (stop[2:] >= 0) & (stop[2:] == stop[1:-1]) & (stop[2:] == stop[:-2])
+    if from_one.sum() < FEW:
+        return robust_white(values)
+    return _not_below_codes(second_differences(values)[from_one])
+
+
+def _not_below_codes(second: Array) -> float:
+    """White noise of readings by their second differences, (n,), not below a part of these: codes
+    hide the noise of most.
+    """
+    return max(white_of(second), 0.05 * float(np.std(second)), ARITHMETIC)
 
 
 def pooled_noise(residuals: Sequence[Array]) -> tuple[Array, float]:

@@ -16,10 +16,9 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index
 from tiltcal.statistics.cosine_transform import cosines, inverse_cosines
-from tiltcal.statistics.dwell_noise import ARITHMETIC, second_differences, white_of
+from tiltcal.statistics.dwell_noise import ARITHMETIC
 from tiltcal.statistics.projection import column_space
 
-FEW = 50  # readings at rest that tell the noise
 BINS = 160  # of the logarithmic frequency axis: S is smooth
 LOW = 3000  # cosine coefficients in which slow noise may stand out of white noise
 CHI2_MEDIAN = 0.4549  # of one degree of freedom
@@ -162,30 +161,6 @@ def _scales(rise: float) -> tuple[float, float]:
 def sines(n: int) -> Array:
     """s of each cosine coefficient, (n,); the level has that of its neighbour."""
     return np.asarray(2 * np.sin(np.pi * np.maximum(np.arange(n), 1) / (2 * n)))
-
-
-def robust_white(residual: Array) -> float:
-    """White noise from second differences, in which no slow signal is left. residual: (n,)."""
-    return _not_below_codes(second_differences(residual))
-
-
-def white_at_rest(values: Array, stop: Index) -> float:
-    """The same of readings within stops, whose levels differ; of all where the table hardly rests.
-
-    Args:
-        values: (n,). stop: number of the stop of each, -1 while moving, (n,).
-    """
-    from_one = (stop[2:] >= 0) & (stop[2:] == stop[1:-1]) & (stop[2:] == stop[:-2])
-    if from_one.sum() < FEW:
-        return robust_white(values)
-    return _not_below_codes(second_differences(values)[from_one])
-
-
-def _not_below_codes(second: Array) -> float:
-    """White noise of readings by their second differences, (n,), not below a part of these: codes
-    hide the noise of most.
-    """
-    return max(white_of(second), 0.05 * float(np.std(second)), ARITHMETIC)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from tiltcal.calibration.validity import SIGNIFICANCE, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG, EARTH_RATE
-from tiltcal.recordings.joining import parts_of
+from tiltcal.recordings.joining import joins_of, parts_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.recordings.static_poses import Poses, PoseSpan, find_poses
@@ -76,7 +76,7 @@ def fog_scale(
     Source: seed S3 (patent, composite instrument); PHYSICS 6 (3); Rauch, Tung and Striebel (1965).
     """
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
-    if len(recording.joins):
+    if len(joins_of(recording)):
         days = [fog_scale(p, setup, sensor=sensor, fog=fog) for p in parts_of(recording)]
         axis = pick_sensor(setup, recording, ("fog",), fog, NAME).input_vector
         return combined(days, gyro.name, axis_covariance(axis, axis_error_deg * DEG))

@@ -14,7 +14,8 @@ from tiltcal.diagnosis.model.cross_validation import heldout_misfit
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.noise_spectrum import NoiseModel, robust_white, white_noise
+from tiltcal.statistics.dwell_noise import robust_white
+from tiltcal.statistics.noise_spectrum import NoiseModel, white_noise
 
 FEWEST = 8  # samples that a channel's white noise can be told from
 CLIP = 3.0  # standard deviations

@@ -10,7 +10,7 @@ from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.model.finding_tests import ALPHA
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.statistics.noise_spectrum import robust_white
+from tiltcal.statistics.dwell_noise import robust_white
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from tiltcal.laboratory.handheld import (
 )
 from tiltcal.laboratory.smoothing import bridged
 from tiltcal.setup.sensor import Sensor
-from tiltcal.statistics.noise_spectrum import robust_white
+from tiltcal.statistics.dwell_noise import robust_white
 
 LONG = 60.0  # s: a rest that long tells drifts from noise
 LEAST_REST, LEAST_ROWS = 16, 64  # rows at rest, of a length and of anything else

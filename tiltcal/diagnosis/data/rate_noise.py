@@ -13,8 +13,8 @@ from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.recordings.replay import Replay
 from tiltcal.setup.trajectory import Jet
+from tiltcal.statistics.dwell_noise import white_at_rest
 from tiltcal.statistics.noise_in_motion import noise_growth
-from tiltcal.statistics.noise_spectrum import white_at_rest
 
 ALIKE = 1.001  # largest standard deviation of rows that are alike, over the least
 # of noise that grows, family-wise over the channels: taken wrongly it spoils the weight of each

@@ -15,7 +15,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.data.faults import DataDrop
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
-from tiltcal.statistics.noise_spectrum import robust_white
+from tiltcal.statistics.dwell_noise import robust_white
 
 MOST = 80  # samples
 FAR = 8.0  # times the noise: a smaller misfit in moves is left to the scan of small effects

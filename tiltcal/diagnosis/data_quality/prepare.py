@@ -33,13 +33,8 @@ from tiltcal.effects.timing.delays import DataJitter
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.cosine_transform import cosines
-from tiltcal.statistics.noise_spectrum import (
-    NoiseFit,
-    NoiseModel,
-    estimate_noise,
-    robust_white,
-    white_noise,
-)
+from tiltcal.statistics.dwell_noise import robust_white
+from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, estimate_noise, white_noise
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 PASSES = 5  # of putting missing bits back

@@ -21,8 +21,7 @@ from tiltcal.effects.events import as_met
 from tiltcal.forward.signal_chain import readings
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay
-from tiltcal.statistics.dwell_noise import ARITHMETIC, MAD_TO_SIGMA
-from tiltcal.statistics.noise_spectrum import robust_white
+from tiltcal.statistics.dwell_noise import ARITHMETIC, MAD_TO_SIGMA, robust_white
 
 SHORTEST = 8  # rows that a jump is told from
 GROSS = 8.0  # sigma of the readout's own noise

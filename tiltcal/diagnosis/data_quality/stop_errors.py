@@ -11,7 +11,7 @@ from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.data.labelling_faults import DataPoseLabel
 from tiltcal.recordings.recording import Recording
-from tiltcal.statistics.noise_spectrum import robust_white
+from tiltcal.statistics.dwell_noise import robust_white
 
 APART = 25.0  # times the misfit of others: five times as far off
 MARGIN = 4  # rows beside a stop that its wrong readout spoils

@@ -18,7 +18,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
-from tiltcal.statistics.noise_spectrum import robust_white
+from tiltcal.statistics.dwell_noise import robust_white
 
 FINEST = 2.0**-17  # of the range of the readings: no smaller bit is looked for
 IN_A_BIT = (

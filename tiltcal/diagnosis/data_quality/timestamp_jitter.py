@@ -27,8 +27,7 @@ from tiltcal.diagnosis.data_quality.stop_errors import SPOILS
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.timing.delays import DataJitter, DataLatency
 from tiltcal.recordings.recording import Recording
-from tiltcal.statistics.dwell_noise import ARITHMETIC
-from tiltcal.statistics.noise_spectrum import robust_white
+from tiltcal.statistics.dwell_noise import ARITHMETIC, robust_white
 
 UNIT = 1e-3  # s, of the delay whose changes are taken
 # sigma. A sum of symmetric terms over the root of their squares exceeds x by a chance of exp(-x2/2)

@@ -17,7 +17,7 @@ from tiltcal.diagnosis.search.lines_over_angles import CHANCE, FINER
 from tiltcal.diagnosis.search.spectral_peaks import apart, evenly, peaks
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import LearnedDelay, LearnedTilt
-from tiltcal.statistics.noise_spectrum import robust_white
+from tiltcal.statistics.dwell_noise import robust_white
 
 ALWAYS = (0.0, 1.0)  # knots of what is constant
 

@@ -11,7 +11,7 @@ from tiltcal.effects.curve_coordinates import coordinate_of
 from tiltcal.effects.spans import Wave
 from tiltcal.effects.table.drive import EncoderSde
 from tiltcal.setup.tables import angle_channel
-from tiltcal.statistics.noise_spectrum import robust_white
+from tiltcal.statistics.dwell_noise import robust_white
 
 Phasors = np.ndarray[tuple[int], np.dtype[np.complex128]]
 LINES = 1100  # a turn, of the finest scale that is looked for

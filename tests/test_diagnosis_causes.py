@@ -202,3 +202,18 @@ def test_a_reference_that_is_felt_late_is_named_before_scale_factors():
     assert first.parameters["gain_ppm_degC"][0] == pytest.approx(60.0, rel=0.05)
     (lag,) = [e["lag_s"] for e in found.amended["effect"] if e["id"] == "reference_drift"]
     assert lag == pytest.approx(16.0, rel=0.15)
+
+
+def test_an_axis_direction_that_feels_the_temperature_late_keeps_its_name():
+    truth = bench(
+        {"id": "acc_temp_misalign", "sensor": "accel", "temp_cross_xy_ppm_degC": 40.0},
+        swing_degC=6.0,
+        period_s=150.0,
+    )
+    sound = recorded(truth, 8)
+    felt = sound.column("temperature_degC")
+    ahead = felt + 14.0 * np.gradient(felt, sound.time)
+    (finding,) = diagnose(honest(truth), [rewritten(sound, temperature_degC=ahead)]).findings
+    assert finding.effect == "acc_temp_misalign"
+    assert "unlisted" not in finding.names
+    assert "No curve over temperature alone explains it" in finding.statement

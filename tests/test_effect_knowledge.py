@@ -95,7 +95,7 @@ def test_a_name_without_a_law_has_curves_that_stand_for_it(cls):
 def test_a_law_that_is_felt_late_follows_temperature(cls):
     if cls.felt_late:
         tilts = tuple(coordinate for _, coordinate in cls.family.tilt)
-        followed = {*cls.family.reading, *cls.family.scale, *tilts}
+        followed = {*cls.family.reading, *cls.family.scale, *cls.family.across, *tilts}
         assert cls.needs == "temperature"
         assert followed
         assert followed <= {"temperature", "warming"}

@@ -18,6 +18,7 @@ class Family:
     Args:
         reading: coordinates of curves that are added to its channel.
         scale: coordinates of curves that multiply the input of its channel.
+        across: coordinates of curves that multiply the force along another axis.
         readout: coordinates of errors of its axis' readout.
         tilt: (slot, coordinate) of tilts of a frame.
         effects: ids of effects of the same sensor.
@@ -25,6 +26,7 @@ class Family:
 
     reading: tuple[str, ...] = ()
     scale: tuple[str, ...] = ()
+    across: tuple[str, ...] = ()
     readout: tuple[str, ...] = ()
     tilt: tuple[tuple[str, str], ...] = ()
     effects: tuple[str, ...] = ()

@@ -208,17 +208,23 @@ def _of_any_form(sensor: Sensor, coordinate: str, form: str = "any") -> list[typ
     return [c for c in laws if coordinate in c.family.reading]
 
 
-def _felt_late(sensor: Sensor) -> list[tuple[str, str, bool]]:
-    """What a sensor may feel late: the law, what it follows, and whether it multiplies the input.
+def _felt_late(sensor: Sensor, axis: str) -> list[tuple[str, str, dict[str, Any]]]:
+    """What a channel may feel late: the law, what it follows, and what it multiplies.
 
     An accelerometer's late rate is not among them: its temperature is late by minutes.
     """
     laws = [c for c in CATALOGUE.values() if c.felt_late and c.senses(sensor.kind)]
+    others: list[dict[str, Any]] = [{"times": f"force_{a}"} for a in "xyz" if a != axis]
     return [
-        (cls.id, coordinate, per_input)
+        (cls.id, coordinate, where)
         for coordinate in ("temperature", "warming")
         for cls in laws
-        for per_input, followed in ((False, cls.family.reading), (True, cls.family.scale))
+        for wheres, followed in (
+            ([{}], cls.family.reading),
+            ([{"per_input": True}], cls.family.scale),
+            (others, cls.family.across),
+        )
+        for where in wheres
         if coordinate in followed
     ]
 
@@ -230,15 +236,15 @@ def _late_laws(
     temperature.
 
     A rate that is late by more than a recording shows, (T - late T) / lag, is the temperature
-    itself.
+    itself. By hand the force along an axis is not known.
     """
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
-    for (name, coordinate, per_input), lag in product(_felt_late(sensor), lags_of(span.duration)):
+    felt, lags = _felt_late(sensor, axis), lags_of(span.duration)
+    for (name, coordinate, factor), lag in product(felt, lags):
         knots = even_knots(coordinate, span, 3)
-        if knots and (coordinate != "warming" or lag * SHOWS < span.duration):
-            late = curve_over(
-                LearnedReading, coordinate, knots, lag=lag, per_input=per_input, **where
-            )
+        shows = coordinate != "warming" or lag * SHOWS < span.duration
+        if knots and shows and (on_table or "times" not in factor):
+            late = curve_over(LearnedReading, coordinate, knots, lag=lag, **factor, **where)
             yield _late(late, name)
             if lag and on_table:  # by hand, in few poses, every law of temperature bends
                 yield proportional(late, name)

@@ -152,6 +152,8 @@ class AccTempMisalign(TermEffect):
     source = "PHYSICS 3.4"
     excited_by = "a temperature change while the other axis is loaded"
     look = "temperature times the force of another axis"
+    family = Family(across=("temperature",))
+    felt_late = True
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         return (

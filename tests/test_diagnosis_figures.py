@@ -2,6 +2,8 @@
 its intervals, and slow variation that no instrument has.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from autoregressive_noise import AutoRegressive2
@@ -10,12 +12,14 @@ from scipy.stats import binom, norm
 from statistics_helpers import FALSE_ALARM
 
 from tiltcal.diagnosis.conclusions.fit_figures import under_fixed_white, white_level
+from tiltcal.diagnosis.conclusions.nameless_findings import nameless_doubts, nameless_findings
 from tiltcal.diagnosis.conclusions.noise_variance import noise_dependences
+from tiltcal.diagnosis.conclusions.statements import doubted
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.search.claimed_causes import CLAIM
-from tiltcal.diagnosis.search.slow_variation import slow_variations
+from tiltcal.diagnosis.search.slow_variation import SlowVariation, slow_variations
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.statistics.cosine_transform import cosines, quick_length
 from tiltcal.statistics.noise_spectrum import NoiseFit, estimate_noise, white_noise
@@ -180,6 +184,20 @@ def test_slow_variation_beyond_any_grade_is_a_finding(walk, told):
     assert found.verdict == ("unlisted" if told else "match")
     for finding in slow:
         assert "times the slow noise of the worst grade" in finding.statement
+
+
+def test_what_is_not_probable_enough_to_be_claimed_is_a_doubt():
+    slow = (
+        SlowVariation("fog", "a", 15.0, False, 0.97),
+        SlowVariation("gyro", "x", 90.0, False, 0.9999),
+    )
+    said = SimpleNamespace(slow=slow, bands=(), tones=())
+    (finding,) = nameless_findings(said)
+    assert finding.axes == ("x",)
+    ((words, chance),) = nameless_doubts(said)
+    assert words.startswith("slow variation of fog a")
+    assert chance == 0.97
+    assert "(probability 0.97)" in doubted(nameless_doubts(said))
 
 
 def test_slow_variation_below_the_effect_of_coarse_codes_is_not_told():

@@ -33,7 +33,7 @@ from tiltcal.diagnosis.hypotheses.block_averaging import block_of, survives
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.claimed_causes import CLAIM, believed
+from tiltcal.diagnosis.search.claimed_causes import DOUBTED, believed
 from tiltcal.diagnosis.search.curve_misfit import largest_misfit
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
 from tiltcal.diagnosis.search.explained import Explained
@@ -225,7 +225,7 @@ def _explained(
         gate,
         tuple(names[k] for k in held),
         tuple(chances[k] for k in held),
-        slow_variations(left, CLAIM, floors),
+        slow_variations(left, DOUBTED, floors),
         *(((), ()) if held or doubts else _oscillations(left, fitted, floors)),
         doubts,
     )
@@ -236,8 +236,8 @@ def _oscillations(
 ) -> tuple[tuple[NarrowBand, ...], tuple[MovingTone, ...]]:
     """Bands with more power than noise, and tones whose frequency moves, in what a model leaves."""
     rest = left.residual(fitted.effects)
-    tones = moving_tones(left, rest, fitted.effects, CLAIM, floors)
-    return narrow_bands(left, rest, CLAIM, floors), tones
+    tones = moving_tones(left, rest, fitted.effects, DOUBTED, floors)
+    return narrow_bands(left, rest, DOUBTED, floors), tones
 
 
 def _by_chance(

@@ -13,17 +13,27 @@ from tiltcal.setup.trajectory import Drive, Jet, Rests, sampled_jet
 
 INPUTS = {
     f"{quantity}_{axis}": (quantity, "xyz".index(axis))
-    for quantity in ("force", "rate", "angular_acceleration")
+    for quantity in ("force", "rate", "angular_acceleration", "coning")
     for axis in "xyz"
 }
 MOTION = ("speed", "since_move", "since_start", "moves")
 """Coordinates that tell how a table moved."""
-OF_SENSOR = ("input", "transverse", "turned", "time", "temperature", "warming", "braking")
+OF_SENSOR = (
+    "input",
+    "transverse",
+    "coning",
+    "turned",
+    "time",
+    "temperature",
+    "warming",
+    "braking",
+)
 COORDINATES = (*INPUTS, *OF_SENSOR, *MOTION)
 """What a curve may follow, beside the angle of a table axis: ``table_<axis>``.
 
-``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``turned``: angle that a
-rate sensor turned about its own axis since the first stamp; ``warming``: dT/dt;
+``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``coning``: rate times
+angular acceleration along it; ``turned``: angle that a rate sensor turned about its own axis since
+the first stamp; ``warming``: dT/dt;
 ``speed``: magnitude of the rate of turn; ``braking``: minus its change per second; ``since_move``,
 ``since_start``: time since the last move ended, began; ``moves``: how many there were.
 """
@@ -71,6 +81,8 @@ def sensed(name: str, sense: Sense, own: Array) -> Array:
         return np.asarray(getattr(sense, quantity)[:, axis])
     if name == "transverse":
         return np.asarray(np.linalg.norm(np.cross(sense.rate, sense.input_vector), axis=1))
+    if name == "coning":
+        return np.asarray(sense.coning @ sense.input_vector)
     if name == "turned":
         return turned_by(own, sense.time)
     if name == "speed":

@@ -51,6 +51,13 @@ class Sense:
     rests: Callable[[], Rests] | None = None
 
     @cached_property
+    def coning(self) -> Array:
+        """Rate times angular acceleration, body frame, rad2/s3, (n, 3): nothing while the axis of
+        turn keeps its direction (Bortz, IEEE Trans. Aerosp. Electron. Syst. 7, 1971).
+        """
+        return np.cross(self.rate, self.angular_acceleration)
+
+    @cached_property
     def since_move(self) -> Array:
         """Time since the last move ended, s, (n,); 0 while moving."""
         return self._rests.since(self.time)

@@ -12,11 +12,17 @@ from tiltcal.diagnosis.conclusions.fault_findings import finding_of
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Fitness, verdict_of
 from tiltcal.diagnosis.conclusions.fit_figures import fitness_of, rms_of, under_fixed_white
 from tiltcal.diagnosis.conclusions.law_plots import laws_of
-from tiltcal.diagnosis.conclusions.nameless_findings import nameless_findings
+from tiltcal.diagnosis.conclusions.nameless_findings import nameless_doubts, nameless_findings
 from tiltcal.diagnosis.conclusions.noise_figures import noise_report
 from tiltcal.diagnosis.conclusions.residual_plots import spectra_of, views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
-from tiltcal.diagnosis.conclusions.statements import doubted, not_reproduced, summary, untold
+from tiltcal.diagnosis.conclusions.statements import (
+    doubted,
+    law_name,
+    not_reproduced,
+    summary,
+    untold,
+)
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.prepare import PreparedData
 from tiltcal.diagnosis.model.channel_noise import noise_under, shift_bias_to_start
@@ -80,10 +86,10 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     lawful = (replace(found[k], laws=laws[k]) for k in order)
     findings = (*(finding_of(f) for f in faults), *lawful, *nameless_findings(said))
     numbers = {place: len(faults) + rank for rank, k in enumerate(order, 1) for place in groups[k]}
-    verdict = verdict_of(findings, tested := last.chi2_per_dof is not None, bool(said.doubts))
+    doubt = _doubts_of(said)
+    verdict = verdict_of(findings, tested := last.chi2_per_dof is not None, bool(doubt))
     source = "the recording itself" if gate.static is None else "the static record"
     noise = noise_report(observations, left, gate.noise(fitted, whitened), source)
-    doubt = [doubted(said.doubts)] if said.doubts else []
     reason = untold(observations.scenario.rig, observations.samples, fitted.rank)
     if tested:
         reason = " ".join(doubt)
@@ -104,6 +110,13 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
         spectra_of(observations, observations.residuals(before.effects), left),
     )
     return answer, began
+
+
+def _doubts_of(said: Explained) -> list[str]:
+    """What is more probable than not, and not probable enough to be claimed; nothing without."""
+    causes = [(law_name(d.law.effect), d.probability) for d in said.doubts]
+    told = [*causes, *nameless_doubts(said)]
+    return [doubted(told)] if told else []
 
 
 def _held_out(model: FittedModel, white: WhitenedModel) -> list[Array]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
+from tiltcal.diagnosis.search.claimed_causes import CLAIM
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.moving_tones import MovingTone
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED
@@ -13,9 +14,20 @@ from tiltcal.diagnosis.search.narrow_bands import NarrowBand
 from tiltcal.diagnosis.search.slow_variation import SlowVariation
 
 
-def nameless_findings(said: Explained) -> Iterator[Finding]:
+def nameless_findings(said: Explained) -> list[Finding]:
     """Slow variation of each axis, then oscillations, of what a search came to."""
-    yield from (_slow(one) for one in said.slow)
+    return [f for chance, f in _all_of(said) if chance >= CLAIM]
+
+
+def nameless_doubts(said: Explained) -> list[tuple[str, float]]:
+    """Those that are not probable enough to be claimed: what they are, and their probabilities."""
+    doubted = ((chance, f.statement.rstrip(".")) for chance, f in _all_of(said) if chance < CLAIM)
+    return [(f"{words[0].lower()}{words[1:]}", chance) for chance, words in doubted]
+
+
+def _all_of(said: Explained) -> Iterator[tuple[float, Finding]]:
+    """Every one with its probability."""
+    yield from ((one.probability, _slow(one)) for one in said.slow)
     yield from _oscillations(said.bands, said.tones)
 
 
@@ -32,16 +44,19 @@ def _slow(slow: SlowVariation) -> Finding:
     )
 
 
-def _oscillations(bands: Sequence[NarrowBand], tones: Sequence[MovingTone]) -> Iterator[Finding]:
+def _oscillations(
+    bands: Sequence[NarrowBand], tones: Sequence[MovingTone]
+) -> Iterator[tuple[float, Finding]]:
     """Oscillations of each sensor, of the axis that shows them most, and of the others: a tone
-    whose frequency moves, or else a band.
+    whose frequency moves, or else a band; with their probabilities.
     """
     for sensor in dict.fromkeys([*(t.sensor for t in tones), *(b.sensor for b in bands)]):
         moving, steady = _most_probable(tones, sensor), _most_probable(bands, sensor)
         axes = tuple(dict.fromkeys(one.axis for one in moving or steady))
         where = f"{sensor} {', '.join(axes)}"
         words = _moving(where, moving[0]) if moving else _steady(where, steady[0])
-        yield _nameless(sensor, axes, (moving or steady)[0].probability, *words, "frequency")
+        chance = (moving or steady)[0].probability
+        yield chance, _nameless(sensor, axes, chance, *words, "frequency")
 
 
 Oscillation = TypeVar("Oscillation", NarrowBand, MovingTone)

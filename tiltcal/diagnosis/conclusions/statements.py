@@ -8,7 +8,6 @@ from tiltcal.core.units import G0
 from tiltcal.design.identifiability import tie_breaker
 from tiltcal.diagnosis.conclusions.finding import Finding, Fitness
 from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
-from tiltcal.diagnosis.search.state import Doubt
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_coordinates import WAY
@@ -27,6 +26,7 @@ FOLLOWS = {
 LEARNED_WORD = {
     "input": "tilt",
     "transverse": "rate",
+    "coning": "rate",
     "turned": "tilt",
     "warming": "temperature",
     "since_move": "move",
@@ -42,7 +42,7 @@ def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
     if isinstance(effect, Learned):
         if effect.coordinate.startswith("force"):
             return "tilt"
-        if effect.coordinate.startswith(("rate", "angular_acceleration")):
+        if effect.coordinate.startswith(("rate", "angular_acceleration", "coning")):
             return "rate"
         if (
             effect.coordinate == "input"
@@ -120,6 +120,7 @@ def learned_name(effect: Learned) -> str:
 IN_WORDS = {
     "input": "its own input",
     "transverse": "the rate across its axis",
+    "coning": "coning (rate times angular acceleration) along its axis",
     "turned": "the angle that it turned about its axis",
     "warming": "the rate of warming",
     "since_move": "the time since the last move",
@@ -267,11 +268,11 @@ def untold(rig: Rig, samples: int, columns: int) -> str:
     return f"{why}. Record {record}."
 
 
-def doubted(doubts: Sequence[Doubt]) -> str:
-    """Why a recording that shows no certain finding is no match, and what to record."""
-    told = " and ".join(
-        f"{_law_name(d.law.effect)} (probability {d.probability:.2f})" for d in doubts
-    )
+def doubted(doubts: Sequence[tuple[str, float]]) -> str:
+    """Why a recording that shows no certain finding is no match, and what to record. doubts: what
+    may be there, and its probability.
+    """
+    told = " and ".join(f"{words} (probability {chance:.2f})" for words, chance in doubts)
     return (
         f"Something may be there that this recording cannot tell from slow or random noise: {told}."
         " Record again for longer, and once at rest for as long (--static), so that the noise is"
@@ -279,7 +280,8 @@ def doubted(doubts: Sequence[Doubt]) -> str:
     )
 
 
-def _law_name(effect: Effect) -> str:
+def law_name(effect: Effect) -> str:
+    """An effect in words: its title and id, a curve by what it follows."""
     return learned_name(effect) if isinstance(effect, Learned) else f"{effect.title} ({effect.id})"
 
 

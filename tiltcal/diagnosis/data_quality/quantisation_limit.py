@@ -48,6 +48,7 @@ def needs_motion(effect: Effect) -> bool:
     return effect.needs in BLURRED or getattr(effect, "coordinate", "").split("_")[0] in (
         "rate",
         "transverse",
+        "coning",
     )
 
 

@@ -132,6 +132,9 @@ def _reading_curves(
             yield curve_over(LearnedReading, coordinate, knots, **where)
             if coordinate in others and coordinate not in turns:
                 yield from powers(coordinate, where)
+    if not sensor.is_accelerometer and sum(f"rate_{a}" in span.ranges for a in "xyz") > 1:
+        coning = "coning" if sensor.kind == "fog" else f"coning_{axis}"
+        yield curve_over(LearnedReading, coning, 1, power=1.0, odd=True, **where)
     for coordinate in ("time", "temperature"):
         if knots := even_knots(coordinate, span, 5):
             scale = curve_over(LearnedReading, coordinate, knots, per_input=True, **where)

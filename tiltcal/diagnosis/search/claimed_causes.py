@@ -10,8 +10,9 @@ from tiltcal.diagnosis.search.state import Doubt, State, laws, refitted, reprice
 
 CLAIM = 0.99
 """Probability from which a cause is claimed: a false alarm costs 99 times a miss, so at most one
-claim in a hundred is wrong. What is more probable than not is told as a doubt.
+claim in a hundred is wrong.
 """
+DOUBTED = 0.5  # from which one is told as a doubt: it is more probable than not
 
 
 def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], tuple[Doubt, ...]]:
@@ -42,7 +43,7 @@ def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], t
     doubts = [
         Doubt(law, chance[cause])
         for cause, law in enumerate(laws(state.fitted))
-        if 0.5 < chance[cause] < CLAIM
+        if DOUBTED < chance[cause] < CLAIM
     ]
     if claimed not in models:
         claimed, models[claimed] = _without(state, every, every - claimed, gate)

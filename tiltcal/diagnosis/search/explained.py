@@ -22,9 +22,9 @@ class Explained:
         chance: random effects.
         gate: says where the noise comes from.
         names: what each finding may be; probability: that each is there.
-        slow: variation that is too large to be noise.
-        bands: of frequency that hold more than noise; tones: whose frequency moves; both where
-            nothing else was found.
+        slow: variation that is too large to be noise, more probably than not.
+        bands: of frequency that hold more than noise; tones: whose frequency moves; both more
+            probably than not, and where nothing else was found.
         doubts: causes that the noise may be instead.
     """
 

@@ -70,7 +70,7 @@ def moving_tones(
     whitened: WhitenedModel,
     residual: Sequence[Array],
     effects: Sequence[Effect],
-    claim: float,
+    least: float,
     floors: Mapping[str, float],
 ) -> tuple[MovingTone, ...]:
     """Of each channel the tone that says most, where it is there with at least this probability.
@@ -79,7 +79,7 @@ def moving_tones(
         whitened: the noise that a model leaves.
         residual: of it, cosine coefficients in units of the noise, (n,) each.
         effects: of the model.
-        claim: probability from which one is told.
+        least: probability from which one is told.
         floors: see ``searched``.
     """
     found = []
@@ -96,7 +96,7 @@ def moving_tones(
             continue
         (name, _), ridge = max(ridges.items(), key=lambda each: each[1].factor)
         factor = ridge.factor - float(np.log(len(ridges)))
-        if (chance := probability(factor, whitened)) >= claim:
+        if (chance := probability(factor, whitened)) >= least:
             rate = 1 / float(np.median(np.diff(channel.time)))
             low, high = ridge.low * rate, ridge.high * rate
             found.append(MovingTone(channel.sensor, channel.axis, name, low, high, chance))

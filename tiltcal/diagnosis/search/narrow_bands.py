@@ -45,7 +45,7 @@ class NarrowBand:
 def narrow_bands(
     whitened: WhitenedModel,
     residual: Sequence[Array],
-    claim: float,
+    least: float,
     floors: Mapping[str, float],
 ) -> tuple[NarrowBand, ...]:
     """Of each channel the band that says most, where it is there with at least this probability.
@@ -53,13 +53,13 @@ def narrow_bands(
     Args:
         whitened: the noise that a model leaves.
         residual: of it, cosine coefficients in units of the noise, (n,) each.
-        claim: probability from which one is told.
+        least: probability from which one is told.
         floors: see ``searched``.
     """
     found = []
     for k, channel in searched(whitened, floors):
         first, width, times, factor = _likeliest(residual[k], whitened.roots[k])
-        if (chance := probability(factor, whitened)) >= claim:
+        if (chance := probability(factor, whitened)) >= least:
             step = 1 / (2 * len(residual[k]) * float(np.median(np.diff(channel.time))))
             low, high = first * step, (first + width) * step
             found.append(NarrowBand(channel.sensor, channel.axis, low, high, times, chance))

@@ -40,7 +40,7 @@ class SlowVariation:
 
 
 def slow_variations(
-    whitened: WhitenedModel, claim: float, floors: Mapping[str, float]
+    whitened: WhitenedModel, least: float, floors: Mapping[str, float]
 ) -> tuple[SlowVariation, ...]:
     """The channels whose slow noise is no noise with at least this probability: beyond that of the
     worst grade by its size, not only beside the white noise, or unlike that of the sensor's other
@@ -48,7 +48,7 @@ def slow_variations(
 
     Args:
         whitened: the noise that a model leaves.
-        claim: probability from which one is told.
+        least: probability from which one is told.
         floors: size, SI, of what coarse codes do to a sensor's misfit: none below it is told.
     """
     observations, fits = whitened.observations, whitened.fits
@@ -65,7 +65,7 @@ def slow_variations(
             above = axis.above_grades(fits[i].model).min(axis=0) * _share(fits[i])
             large, (unlike, times) = above_price(above.tolist()), unlike_others(one, k, together)
             chance = float(expit(large + unlike + np.log(prior)))
-            if chance >= claim and times >= 1:  # of two axes apart, the one with more
+            if chance >= least and times >= 1:  # of two axes apart, the one with more
                 size = times if unlike > large else float(above.max())
                 found.append(
                     SlowVariation(channel.sensor, channel.axis, size, unlike > large, chance)

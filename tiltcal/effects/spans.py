@@ -31,8 +31,8 @@ class SpectralLines:
 
     Args:
         tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move;
-            late: Hz, in the delay of stamps; base_tilts: Hz, of the base; ripples: a turn of an
-            axis.
+            late: Hz, in the delay of stamps; base_tilts: Hz, of the base; scales: Hz, in scale
+            factors; ripples: a turn of an axis.
         waves: over the input of a channel, temperature or a table angle.
     """
 
@@ -41,6 +41,7 @@ class SpectralLines:
     echoes: tuple[float, ...] = ()
     late: tuple[float, ...] = ()
     base_tilts: tuple[float, ...] = ()
+    scales: tuple[float, ...] = ()
     ripples: tuple[int, ...] = ()
     waves: tuple[Wave, ...] = ()
 
@@ -60,6 +61,7 @@ class SpectralLines:
             (),
             new(self.late, known.late),
             new(self.base_tilts, known.base_tilts),
+            new(self.scales, known.scales),
             ripples,
             waves,
         )

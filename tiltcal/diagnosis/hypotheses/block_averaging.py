@@ -46,7 +46,8 @@ def _frequencies(observations: Observations, lines: SpectralLines, block: int) -
     """Of the lines, Hz, but those that a quick turn blurs within a block anyway."""
     ripples = [n * fastest(observations) / (2 * np.pi) for n in lines.ripples]
     slow = [f for f in ripples if f * _step(observations) * block < HALF]
-    return [*lines.tones, *lines.shakes, *lines.echoes, *lines.late, *lines.base_tilts, *slow]
+    modulated = [*lines.late, *lines.base_tilts, *lines.scales]
+    return [*lines.tones, *lines.shakes, *lines.echoes, *modulated, *slow]
 
 
 def _least_share(beats: Sequence[float], step: float, block: int) -> float:

@@ -35,6 +35,7 @@ def periodic_curves(
     modulated: list[tuple[type[Learned], dict[str, Any], tuple[float, ...]]] = [
         *((LearnedDelay, where, lines.late) for where in stamped(scenario, sensors)),
         *((LearnedTilt, where, lines.base_tilts) for where in frames(scenario, "base")),
+        *((LearnedReading, where, lines.scales) for where in _gains(scenario, sensors)),
     ]
     for cls, where, own in modulated:
         for frequency, count in product(own, HARMONICS):
@@ -58,6 +59,15 @@ def _places(scenario: Scenario, sensors: Sequence[str]) -> Iterator[Place]:
         yield LearnedReadout, {"axis": axis, "place": "table"}
     for where in frames(scenario, "base", "mount"):
         yield LearnedTilt, where
+
+
+def _gains(scenario: Scenario, sensors: Sequence[str]) -> list[dict[str, Any]]:
+    """The scale factors of the sensors that are read."""
+    return [
+        {"sensor": s.name, "axis": axis, "per_input": True}
+        for s in scenario.sensor
+        for axis in (s.axes if s.name in sensors else ())
+    ]
 
 
 def frames(scenario: Scenario, *slots: str) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Lines over time in a coefficient: the delay of stamps, the tilts of the base.
+"""Lines over time in a coefficient: the delay of stamps, the tilts of the base, scale factors.
 
 What such a line does to a reading is a cosine times what one of the coefficient does there, which
 changes with pose and motion: in the reading itself it is many lines.
@@ -16,7 +16,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.search.lines_over_angles import CHANCE, FINER
 from tiltcal.diagnosis.search.spectral_peaks import apart, evenly, peaks
 from tiltcal.effects.base import Effect
-from tiltcal.effects.learned import LearnedDelay, LearnedTilt
+from tiltcal.effects.learned import LearnedDelay, LearnedReading, LearnedTilt
 from tiltcal.statistics.dwell_noise import robust_white
 
 ALWAYS = (0.0, 1.0)  # knots of what is constant
@@ -41,16 +41,28 @@ def base_tilts_of(observations: Observations, fitted: FittedModel) -> tuple[floa
     return _lines_of((t.effect for t in tilts), observations, fitted)
 
 
+def scales_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
+    """Frequencies, Hz, of lines in the scale factors of channels, strongest first: of a reference
+    that is switched, of a counter that reads every n-th sample short.
+    """
+    places = ({"sensor": c.sensor, "axis": c.axis} for c in observations.channels if not c.derived)
+    each = {tuple(where.items()): where for where in places}.values()
+    gains = (curve_over(LearnedReading, "time", ALWAYS, per_input=True, **w) for w in each)
+    return _lines_of((g.effect for g in gains), observations, fitted)
+
+
 def _lines_of(
     constants: Iterable[Effect], observations: Observations, fitted: FittedModel
 ) -> tuple[float, ...]:
     """Frequencies, Hz, of lines in coefficients, each given by a constant in its place."""
     left = dict(enumerate(observations.residuals(fitted.effects)))
+    watches = observations.watches(fitted.effects)
+    times = [w.time for w in watches] or [r.time for r in observations.recordings]
     found: list[tuple[float, float]] = []
     for constant in constants:
         changes = observations.changes(constant, fitted.effects)
-        for number, watch in enumerate(observations.watches(fitted.effects)):
-            found += _lines_in(changes, left, number, watch.time, observations)
+        for number, time in enumerate(times):
+            found += _lines_in(changes, left, number, time, observations)
     duration = float(np.ptp(observations.recordings[0].time))
     return apart(found, lambda _: 1 / duration)
 

@@ -6,7 +6,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import fastest
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.diagnosis.search.lines_in_coefficients import base_tilts_of, late_of
+from tiltcal.diagnosis.search.lines_in_coefficients import base_tilts_of, late_of, scales_of
 from tiltcal.diagnosis.search.lines_over_angles import CHANCE, FINER, ripples_of, waves_of
 from tiltcal.diagnosis.search.spectral_peaks import SLOWEST, apart, evenly, peaks
 from tiltcal.effects.electronics.mains import WANDER
@@ -23,6 +23,7 @@ def spectral_lines_of(observations: Observations, fitted: FittedModel) -> Spectr
         echoes_of(observations, fitted),
         late_of(observations, fitted),
         base_tilts_of(observations, fitted),
+        scales_of(observations, fitted),
         ripples_of(observations, fitted),
         waves_of(observations, fitted),
     )

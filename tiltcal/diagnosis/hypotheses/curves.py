@@ -135,11 +135,12 @@ def _reading_curves(
     if not sensor.is_accelerometer and sum(f"rate_{a}" in span.ranges for a in "xyz") > 1:
         coning = "coning" if sensor.kind == "fog" else f"coning_{axis}"
         yield curve_over(LearnedReading, coning, 1, power=1.0, odd=True, **where)
-    for coordinate in ("time", "temperature"):
+    for coordinate in ("time", "temperature", "warming"):
         if knots := even_knots(coordinate, span, 5):
             scale = curve_over(LearnedReading, coordinate, knots, per_input=True, **where)
             yield scale
-            if not sensor.is_accelerometer:  # its own law is in the catalogue
+            # that of an accelerometer over the others is in the catalogue
+            if coordinate == "warming" or not sensor.is_accelerometer:
                 yield proportional(scale)
     if scenario.rig.axes:
         across = [c for c in inputs if c != own and even_knots(c, span, 2)]

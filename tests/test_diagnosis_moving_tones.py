@@ -101,7 +101,7 @@ def test_a_tone_that_slides_with_the_input_is_a_finding_without_a_name():
     force = whole.column("accel_x_m_s2")
     phase = np.cumsum(2 * np.pi * (0.4 + 0.3 * np.abs(force)) * np.median(np.diff(whole.time)))
     found = diagnose(
-        honest(bench()), [rewritten(whole, accel_x_m_s2=force + 0.7 * WHITE * np.sin(phase))]
+        honest(bench()), [rewritten(whole, accel_x_m_s2=force + 0.8 * WHITE * np.sin(phase))]
     )
     assert found.verdict == "unlisted"
     (finding,) = found.findings

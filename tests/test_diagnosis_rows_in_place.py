@@ -37,18 +37,3 @@ def test_what_comes_in_whole_samples_is_no_rival_of_a_delay_of_a_part_of_one():
     assert found.verdict in ("unlisted", "ambiguous")
     assert found.findings
     assert not any("data_drop" in f.name_probability for f in found.findings)
-
-
-def slowly(period):
-    """The base tilts to and fro, besides a vibration, by 4 arcsec and, differently, an overtone."""
-    tilt = {"id": "learned", "on": "tilt", "slot": "base", "turn": "y", "coordinate": "time"}
-    return tilt | {"period": period, "coefficients": [2e-5, 6e-6]}
-
-
-def test_a_law_whose_curves_explain_a_fifth_of_it_may_be_one_that_no_list_has():
-    """Beside 80 % of a vibration: it could be called one, or not."""
-    shake = {"id": "base_vibration", "ec_ug": 60.0, "frequency_hz": 1.7}
-    truth = bench(shake, slowly(5.7), slowly(13.4))
-    (finding,) = diagnose(honest(truth), [recorded(truth, 8)]).findings
-    assert {"base_vibration", UNLISTED} <= set(finding.names)
-    assert 0.1 < finding.name_probability["base_vibration"] < 0.9

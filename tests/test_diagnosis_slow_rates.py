@@ -96,17 +96,3 @@ def test_a_rate_is_late_by_what_the_recording_shows_at_most():
         if s.alias == "fog_shupe"
     ]
     assert sorted({s.effect.lag for s in found}) == [0.0, 8.0]
-
-
-def test_a_scale_factor_may_follow_the_rate_of_warming():
-    """In proportion, and as a curve; an accelerometer's law over temperature is in the catalogue,
-    this one is not.
-    """
-    observations = observe(BESIDE, [turned("spans", 0.0)], [])
-    found = [
-        (h.effect.sensor, h.effect.axis, len(h.names))
-        for h in curves(observations, ranges_of(observations, SpectralLines()))
-        if not h.listed and h.effect.coordinate == "warming" and h.effect.per_input
-    ]
-    places = [("gyro", "x"), ("gyro", "y"), ("gyro", "z"), ("fog", "a")]
-    assert sorted(found) == sorted((*place, count) for place in places for count in (1, 5))

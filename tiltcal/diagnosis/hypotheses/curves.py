@@ -49,7 +49,7 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
             if sensor.name in read:
                 yield from _reading_curves(scenario, sensor, axis, span)
     yield from curves_of_axes(scenario.rig, span)
-    yield from periodic_curves(scenario, span.lines, sorted(read))
+    yield from periodic_curves(observations, span.lines, sorted(read))
     for where in stamped(scenario, sorted(read)):
         yield curve_over(LearnedDelay, "time", even_knots("time", span, 7), **where)
     if scenario.rig.axes:
@@ -135,12 +135,11 @@ def _reading_curves(
     if not sensor.is_accelerometer and sum(f"rate_{a}" in span.ranges for a in "xyz") > 1:
         coning = "coning" if sensor.kind == "fog" else f"coning_{axis}"
         yield curve_over(LearnedReading, coning, 1, power=1.0, odd=True, **where)
-    for coordinate in ("time", "temperature", "warming"):
+    for coordinate in ("time", "temperature"):
         if knots := even_knots(coordinate, span, 5):
             scale = curve_over(LearnedReading, coordinate, knots, per_input=True, **where)
             yield scale
-            # that of an accelerometer over the others is in the catalogue
-            if coordinate == "warming" or not sensor.is_accelerometer:
+            if not sensor.is_accelerometer:  # its own law is in the catalogue
                 yield proportional(scale)
     if scenario.rig.axes:
         across = [c for c in inputs if c != own and even_knots(c, span, 2)]

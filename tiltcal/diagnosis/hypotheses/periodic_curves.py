@@ -1,9 +1,13 @@
 """Curves that repeat in time, at the frequencies of spectral lines: thermostats, pumps, hum."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
+import numpy as np
+
+from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over, harmonics
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.effects.learned import (
@@ -21,14 +25,17 @@ HARMONICS = (1, 4)
 
 
 def periodic_curves(
-    scenario: Scenario, lines: SpectralLines, sensors: Sequence[str]
+    observations: Observations, lines: SpectralLines, sensors: Sequence[str]
 ) -> Iterator[Hypothesis]:
     """At every place, one for each spectral line in time.
 
     Args:
-        scenario: whose table and sensors; lines: that stand out of the residual.
+        observations: whose table and sensors; lines: that stand out of their residual.
         sensors: that are read.
     """
+    scenario = observations.scenario
+    # of a line in a coefficient, each as probable as another
+    frequencies = max(len(r) for r in observations.recordings) / 2
     for cls, where in _places(scenario, sensors) if lines.tones else ():
         for frequency, count in product(lines.tones, HARMONICS):
             yield curve_over(cls, "time", harmonics(count), period=1 / frequency, **where)
@@ -39,7 +46,8 @@ def periodic_curves(
     ]
     for cls, where, own in modulated:
         for frequency, count in product(own, HARMONICS):
-            yield curve_over(cls, "time", harmonics(count), period=1 / frequency, **where)
+            curve = curve_over(cls, "time", harmonics(count), period=1 / frequency, **where)
+            yield replace(curve, odds=-float(np.log(frequencies)))
 
 
 def stamped(scenario: Scenario, sensors: Sequence[str]) -> list[dict[str, Any]]:

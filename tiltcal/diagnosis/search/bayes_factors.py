@@ -14,7 +14,7 @@ SIZES = 10.0 ** np.arange(-6, 3, 2)
 """Prior variances of a listed effect's size, in plausible sizes squared: no grade is known."""
 ENERGIES = 10.0 ** np.arange(0, 9)
 """Prior energies of a number of a curve, in units of the noise: nothing is known of its size."""
-DEVIATIONS = np.array([1e-4, 1e-3, 0.01, 0.03])
+DEVIATIONS = 10.0 ** np.array([-4.0, -3.0, -2.0])
 """Prior shares of a law's energy by which one number of its real form may deviate from the
 textbook's.
 """

@@ -102,7 +102,7 @@ def extend_dictionary(state: State, known: SpectralLines) -> bool:
         lines = hypothesis.effect.values.get("lines")
         if hypothesis.law.spectral_line and (lines is None or lines in new.ripples):
             columns.add(hypothesis, fitted.effects)
-    for curve in periodic_curves(observations.scenario, new, sorted(read_sensors(observations))):
+    for curve in periodic_curves(observations, new, sorted(read_sensors(observations))):
         columns.add(curve, fitted.effects)
     there = [h.effect for h in columns.hypotheses if getattr(h.effect, "instants", ())]
     for hypothesis in transients(fitted, whitened):

@@ -110,7 +110,6 @@ def evidence_in_place(
     tried: int,
     fitted: FittedModel,
     whitened: WhitenedModel,
-    shares: Array = DEVIATIONS,
 ) -> tuple[float, float]:
     """Evidence for given terms of one cause, nats, and their gain, as an ``Explanation`` has them.
 
@@ -118,8 +117,6 @@ def evidence_in_place(
         terms: the law, then its deviation.
         tried: columns that this may be made of.
         fitted, whitened: as in ``explain``.
-        shares: energy that a number of the deviation may have, in energies of the law, (s,); of
-            what is of the law's own name as usual.
     """
     basis, target = fitted.basis, fitted.residual
     lengths = [len(r) for r in target]
@@ -140,7 +137,6 @@ def evidence_in_place(
         np.array([t is whole[0] for t in owner]),
         np.array([t.hypothesis.id == law.id for t in owner]),
         law.has_plausible_size,
-        shares,
     )
     build.take_sizes([law.names.index(name) for name in terms[0].names])
     build.take_deviation(range(len(law.names), len(owner)), tried)
@@ -169,25 +165,16 @@ class _Build:
         raw: squared lengths of the columns beside nothing else, (p,).
         law: which columns are the law's; alike: which are of its name, and may be as large, (p,).
         sized: whether the catalogue says how large the law may be.
-        shares: energy that a number of the deviation may have, in energies of the law, (s,).
     """
 
     def __init__(
-        self,
-        gram: Array,
-        target: Array,
-        raw: Array,
-        law: Mask,
-        alike: Mask,
-        sized: bool,
-        shares: Array = DEVIATIONS,
+        self, gram: Array, target: Array, raw: Array, law: Mask, alike: Mask, sized: bool
     ) -> None:
         self.evidence, self.gain = 0.0, 0.0
         self.used: list[int] = []
         self._G, self._b, self._law, self._sized = gram, target, law, sized
         self._raw = raw
-        own = OWN_NAME * np.resize(DEVIATIONS, len(shares))
-        self._shares = np.where(alike, own[:, None], shares[:, None])
+        self._shares = DEVIATIONS[:, None] * np.where(alike, OWN_NAME, 1.0)
 
     def add_sizes(self) -> None:
         """Those sizes of the law that have evidence, and the strongest."""

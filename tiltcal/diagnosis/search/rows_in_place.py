@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
-from tiltcal.diagnosis.model.fitted_model import FittedTerm, whitened_of
+from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.search import priors
 from tiltcal.diagnosis.search.best_shape import best_shape, in_shapes
 from tiltcal.diagnosis.search.curve_misfit import (
@@ -24,7 +24,6 @@ from tiltcal.diagnosis.search.local_level import local_level
 from tiltcal.diagnosis.search.model_search import looked_at
 from tiltcal.diagnosis.search.name_probabilities import (
     AGAIN,
-    TAKEN,
     UNLISTED,
     Row,
     imitation_odds,
@@ -35,10 +34,6 @@ from tiltcal.diagnosis.search.state import Proposal, State, laws, refitted, with
 
 FURTHER = float(np.log(priors.SOMETHING * (1 - priors.UNLISTED)))
 """Log odds that a listed cause is there beside others."""
-ANY_SHARE = np.array([1 / 7, 3 / 5, 5 / 3, 7.0])
-"""Energy of the rest of a law in energies of what a name explains of it, where any share is as
-probable as another: the middles of four quarters.
-"""
 FIRST_ORDER = 0.01  # of what a law explains, by which its column may differ from its form
 
 
@@ -66,7 +61,6 @@ def rows_in_place(state: State, k: int, scan: Scan) -> list[Row]:
     rows += _of_other_source(rows, law)
     own = Explanation(terms, evidence, gain, cause.tried)
     rows += _of_any_form(rows, own, scan, whitened.hypotheses)
-    rows += _of_family(rows, own, rest)
     imitated = _imitated(rows, whitened.columns.width, _is_again(state, k))
     return [*rows, *_misfits(state, k, rows), *imitated]
 
@@ -175,43 +169,6 @@ def _of_any_form(
             terms = (replace(first, hypothesis=law), *(replace(t, host=law) for t in others))
             curve = Proposal(replace(told, terms=terms, plain=None), odds)
             yield replace(row, name=UNLISTED, score=row.evidence + odds, proposal=curve)
-
-
-def _of_family(rows: Sequence[Row], own: Explanation, rest: State) -> Iterator[Row]:
-    """What is listed in a cause's place and completed by nameless curves of its family, as a law
-    that no list has: the name explains any share of it, and the largest curve is what it follows.
-
-    Args:
-        rows: in the cause's place; own: the explanation of the first of them.
-        rest: the other causes.
-    """
-    odds = float(np.log(priors.UNLISTED / (1 - priors.UNLISTED) * TAKEN))
-    for k, row in enumerate(rows):
-        told = own if k == 0 else row.proposal and row.proposal.explanation
-        if row.name == UNLISTED or not told:
-            continue
-        curves = [t for t in told.terms[1:] if not t.hypothesis.listed]
-        if not curves:
-            continue
-        evidence, gain = evidence_in_place(
-            told.terms, told.tried, rest.fitted, rest.whitened, ANY_SHARE
-        )
-        lead = max(curves, key=lambda t: _energy_of(t, rest))
-        others = [replace(t, host=lead.hypothesis) for t in told.terms if t is not lead]
-        law = Explanation((replace(lead, host=None), *others), evidence, gain, told.tried)
-        prior = row.score - row.evidence + odds
-        yield Row(UNLISTED, evidence + prior, evidence, gain / 2, Proposal(law, prior))
-
-
-def _energy_of(term: FittedTerm, state: State) -> float:
-    """Energy of a term's signal, in units of the noise."""
-    columns = whitened_of(state.whitened, [term], state.fitted.effects)
-    sizes = [v / term.hypothesis.size(n) for n, v in zip(term.names, term.values, strict=True)]
-    channels = {i for column in columns for i in column}
-    signals = (
-        sum(s * c[i] for s, c in zip(sizes, columns, strict=True) if i in c) for i in channels
-    )
-    return float(sum(np.sum(np.square(signal)) for signal in signals))
 
 
 def _misfits(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:

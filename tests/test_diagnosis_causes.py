@@ -24,6 +24,14 @@ def told(*left_out: dict, seed: int = 8, **how) -> Diagnosis:
     return diagnose(honest(truth), [recorded(truth, seed)])
 
 
+def told_late(truth, lag) -> Diagnosis:
+    """The same where the temperature that is recorded is felt so many seconds late."""
+    sound = recorded(truth, 8)
+    felt = sound.column("temperature_degC")
+    ahead = felt + lag * np.gradient(felt, sound.time)
+    return diagnose(honest(truth), [rewritten(sound, temperature_degC=ahead)])
+
+
 def names_of(found: Diagnosis) -> list[str | None]:
     return sorted(f.effect or "" for f in found.findings)
 
@@ -192,11 +200,7 @@ def test_a_reference_that_is_felt_late_is_named_before_scale_factors():
         swing_degC=6.0,
         period_s=150.0,
     )
-    sound = recorded(truth, 8)
-    felt = sound.column("temperature_degC")
-    # what the reference feels is this, 16 s late
-    ahead = felt + 16.0 * np.gradient(felt, sound.time)
-    found = diagnose(honest(truth), [rewritten(sound, temperature_degC=ahead)])
+    found = told_late(truth, 16.0)
     first = found.findings[0]
     assert first.effect == "reference_drift"
     assert first.parameters["gain_ppm_degC"][0] == pytest.approx(60.0, rel=0.05)
@@ -210,10 +214,7 @@ def test_an_axis_direction_that_feels_the_temperature_late_keeps_its_name():
         swing_degC=6.0,
         period_s=150.0,
     )
-    sound = recorded(truth, 8)
-    felt = sound.column("temperature_degC")
-    ahead = felt + 14.0 * np.gradient(felt, sound.time)
-    (finding,) = diagnose(honest(truth), [rewritten(sound, temperature_degC=ahead)]).findings
+    (finding,) = told_late(truth, 14.0).findings
     assert finding.effect == "acc_temp_misalign"
     assert "unlisted" not in finding.names
     assert "No curve over temperature alone explains it" in finding.statement

@@ -8,14 +8,14 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.stats import f as f_distribution
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.search.claimed_causes import CLAIM
+from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED
 from tiltcal.diagnosis.search.narrow_bands import _likeliest, log_excess
 from tiltcal.diagnosis.search.oscillations import EXCESS
 from tiltcal.statistics.cosine_transform import cosines
 
 WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample, m/s2
-TOLD = np.log(CLAIM / (1 - CLAIM) / 0.125 * 3)
-"""Least Bayes factor of one of three channels that is told."""
+CLAIMED, TOLD = (np.log(p / (1 - p) / 0.125 * 3) for p in (CLAIM, DOUBTED))
+"""Least Bayes factors of one of three channels that is claimed, and that is told as a doubt."""
 FREQUENCY = 1.37  # Hz
 
 
@@ -54,7 +54,7 @@ def test_a_tone_that_loses_its_phase_is_a_band(rng):
     time = np.arange(8000) / 20.0
     left = cosines(rng.standard_normal(8000) + hunting(time, rng, 0.35))
     first, width, times, factor = _likeliest(left, np.ones(8000))
-    assert factor > TOLD
+    assert factor > CLAIMED
     assert times > 2
     low, high = (k / (2 * 8000) * 20.0 for k in (first, first + width))
     assert low < FREQUENCY < high

@@ -33,10 +33,14 @@ def test_a_twisted_fibre_is_a_curve_over_the_angle():
     assert found.after.chi2_per_dof < 1.1
 
 
-def test_only_a_rate_sensor_turns_by_an_angle():
+@pytest.mark.parametrize(
+    ("coordinate", "need"),
+    [("turned", "a gyro or a FOG"), ("transverse", "a FOG"), ("coning", "a FOG")],
+)
+def test_only_a_rate_sensor_follows_how_it_turned(coordinate, need):
     curve = {"id": "learned", "on": "reading", "sensor": "accel", "axis": "x"}
-    over = {"coordinate": "turned", "knots": [0.0, 1.0], "coefficients": [0.0, 1e-3]}
-    with pytest.raises(TiltcalError, match="a gyro or a FOG"):
+    over = {"coordinate": coordinate, "knots": [0.0, 1.0], "coefficients": [0.0, 1e-3]}
+    with pytest.raises(TiltcalError, match=need):
         bench(curve | over)
 
 

@@ -34,6 +34,12 @@ KINDS: dict[str, type[Learned]] = {
     "tilt": LearnedTilt,
     "stamps": LearnedDelay,
 }
+FELT_BY = {
+    "turned": (("gyro", "fog"), "a gyro or a FOG, whose rate is summed up to an angle"),
+    "transverse": (("fog",), "a FOG, which has an axis of its own"),
+    "coning": (("fog",), "a FOG, which has an axis of its own; of a gyro coning_x, _y or _z"),
+}
+"""The kinds of sensors that a coordinate is for, and what the error says."""
 
 
 def make_learned(
@@ -123,6 +129,18 @@ def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
     return word_of(table, "times", "", factors, subject)
 
 
+def _require_kind(coordinate: str, setup: Setup, sensor: str, subject: str) -> None:
+    """Refuse a coordinate on a sensor that does not feel it."""
+    kinds, need = FELT_BY[coordinate]
+    if setup.named(sensor).kind not in kinds:
+        raise TiltcalError(
+            subject,
+            found=f"coordinate '{coordinate}' of sensor '{sensor}'",
+            need=need,
+            do="correct it",
+        )
+
+
 def _where(
     on: str,
     coordinate: str,
@@ -162,13 +180,8 @@ def _where(
             need="an axis of this table",
             do="correct it",
         )
-    if coordinate == "turned" and setup.named(str(sensor)).quantity != "rate":
-        raise TiltcalError(
-            subject,
-            found=f"coordinate 'turned' of sensor '{sensor}'",
-            need="a gyro or a FOG, whose rate is summed up to an angle",
-            do="correct it",
-        )
+    if coordinate in FELT_BY:
+        _require_kind(coordinate, setup, str(sensor), subject)
     axes = setup.named(str(sensor)).axes if on == "reading" else setup.rig.axis_names
     if on != "tilt":
         one_of(str(axis), axes, subject, "axis")

@@ -151,9 +151,9 @@ def sense_of(
     temperature = motion.temperature()
     warm = np.zeros(len(motion)) if temperature is None else temperature - temperature.mean()
     vector = sensor.input_vector if sensor.kind == "fog" else np.zeros(3)
-    turning = np.zeros_like(rate)
+    angular_acceleration = np.zeros_like(rate)
     if sensor.quantity == "rate" and len(time) > 1:
-        turning = np.gradient(rate, time, axis=0)
+        angular_acceleration = np.gradient(rate, time, axis=0)
     return Sense(
         time,
         time - motion.time[0],
@@ -161,7 +161,7 @@ def sense_of(
         rate,
         force / setup.site.gravity,
         np.zeros_like(rate),
-        turning,
+        angular_acceleration,
         warm if rows is None else warm[rows],
         sensor.axis_indices,
         sensor.kind,

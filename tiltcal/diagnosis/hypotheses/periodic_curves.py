@@ -42,7 +42,7 @@ def periodic_curves(
     modulated: list[tuple[type[Learned], dict[str, Any], tuple[float, ...]]] = [
         *((LearnedDelay, where, lines.late) for where in stamped(scenario, sensors)),
         *((LearnedTilt, where, lines.base_tilts) for where in frames(scenario, "base")),
-        *((LearnedReading, where, lines.scales) for where in _gains(scenario, sensors)),
+        *((LearnedReading, where, lines.scales) for where in gains(scenario, sensors)),
     ]
     for cls, where, own in modulated:
         for frequency, count in product(own, HARMONICS):
@@ -69,7 +69,7 @@ def _places(scenario: Scenario, sensors: Sequence[str]) -> Iterator[Place]:
         yield LearnedTilt, where
 
 
-def _gains(scenario: Scenario, sensors: Sequence[str]) -> list[dict[str, Any]]:
+def gains(scenario: Scenario, sensors: Sequence[str]) -> list[dict[str, Any]]:
     """The scale factors of the sensors that are read."""
     return [
         {"sensor": s.name, "axis": axis, "per_input": True}

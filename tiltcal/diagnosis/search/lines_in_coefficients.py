@@ -11,7 +11,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
-from tiltcal.diagnosis.hypotheses.periodic_curves import frames, stamped
+from tiltcal.diagnosis.hypotheses.periodic_curves import frames, gains, stamped
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.search.lines_over_angles import CHANCE, FINER
 from tiltcal.diagnosis.search.spectral_peaks import apart, evenly, peaks
@@ -45,10 +45,12 @@ def scales_of(observations: Observations, fitted: FittedModel) -> tuple[float, .
     """Frequencies, Hz, of lines in the scale factors of channels, strongest first: of a reference
     that is switched, of a counter that reads every n-th sample short.
     """
-    places = ({"sensor": c.sensor, "axis": c.axis} for c in observations.channels if not c.derived)
-    each = {tuple(where.items()): where for where in places}.values()
-    gains = (curve_over(LearnedReading, "time", ALWAYS, per_input=True, **w) for w in each)
-    return _lines_of((g.effect for g in gains), observations, fitted)
+    sensors = sorted({c.sensor for c in observations.channels})
+    constants = (
+        curve_over(LearnedReading, "time", ALWAYS, **w)
+        for w in gains(observations.scenario, sensors)
+    )
+    return _lines_of((c.effect for c in constants), observations, fitted)
 
 
 def _lines_of(

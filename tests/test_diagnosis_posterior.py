@@ -22,11 +22,13 @@ from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, log_bayes_factor, perhaps
 from tiltcal.diagnosis.search.dictionary import build_dictionary
-from tiltcal.diagnosis.search.explanation import evidence_in_place, explain
+from tiltcal.diagnosis.search.explanation import explain, explanation_of
 from tiltcal.diagnosis.search.local_level import local_level
 from tiltcal.diagnosis.search.name_probabilities import Row, imitation_odds, name_probabilities
+from tiltcal.diagnosis.search.number_evidence import NumberEvidence
 from tiltcal.diagnosis.search.priors import UNLISTED, log_priors
-from tiltcal.diagnosis.search.rows_in_place import _imitated, _is_again
+from tiltcal.diagnosis.search.rows_in_place import _is_again
+from tiltcal.diagnosis.search.rows_without_name import imitated
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import State
 from tiltcal.effects import CATALOGUE
@@ -110,9 +112,9 @@ def test_a_name_that_is_in_the_model_twice_is_doubted():
     """A quarter of laws is unlisted; names are taken for 15 % of these, 27 % of them twice; of
     listed laws 2.4 % are twice: 0.25 0.15 0.27 to 0.75 0.024, 9 to 16.
     """
-    rows = [Row("acc_warmup", 40.0, 45.0, 50.0), Row("acc_temp_bias", 30.0, 35.0, 40.0)]
-    once = list(_imitated(rows, 500, again=False))
-    twice = list(_imitated(rows, 500, again=True))
+    rows = [Row("acc_warmup", 40.0, 45.0, 45.0, 50.0), Row("acc_temp_bias", 30.0, 35.0, 35.0, 40.0)]
+    once = list(imitated(rows, 500, again=False))
+    twice = list(imitated(rows, 500, again=True))
     assert [r.name for r in twice] == ["unlisted", "unlisted"]
     assert np.exp(twice[0].score - 40.0) == pytest.approx(9 / 16)
     assert once[0].score < twice[0].score
@@ -260,11 +262,33 @@ def test_an_explanation_is_worth_the_same_when_it_is_weighed_again(square):
     completed = 0
     for k in best[:60]:
         told = explain(int(k), start, whitened)
-        again, gain = evidence_in_place(told.terms, told.tried, start, whitened)
-        assert again == pytest.approx(told.evidence, abs=0.01), told.hypothesis
-        assert gain == pytest.approx(told.gain, abs=0.01)
+        again = explanation_of(told.terms, told.tried, start, whitened)
+        assert again.evidence == pytest.approx(told.evidence, abs=0.01), told.hypothesis
+        assert again.gain == pytest.approx(told.gain, abs=0.01)
+        assert told.coarsely(1.0) == pytest.approx(told.evidence, abs=0.01)
         completed += len(told.terms) > 1
     assert completed > 3
+
+
+@pytest.mark.parametrize("coarse", [1.0, 3.0, 20.0])
+def test_where_the_likelihood_is_coarsened_a_gain_counts_less_and_a_prior_does_not(coarse):
+    """Against the integral over the size, of a normal prior: 50 of deviance, prior sigmas 3 and 40
+    times that of the estimate.
+    """
+
+    def integral(width):
+        def integrand(u):
+            return np.exp((u * np.sqrt(50.0) - u * u / 2) / coarse - (u / width) ** 2 / 2)
+
+        return quad(integrand, -200, 200, points=(0.0, 7.0), limit=500)[0] / (
+            width * np.sqrt(2 * np.pi)
+        )
+
+    number = NumberEvidence(50.0, np.array([3.0, 40.0]) ** 2, needed=True)
+    by_hand = np.log(np.mean([integral(width) for width in (3.0, 40.0)]))
+    assert number.at(coarse) == pytest.approx(by_hand, abs=1e-6)
+    optional = replace(number, price=2.0, needed=False)
+    assert optional.at(coarse) == pytest.approx(max(by_hand - 2.0, 0.0), abs=1e-6)
 
 
 def shaking(frequency):
@@ -313,7 +337,7 @@ def test_what_is_no_line_has_no_level(square):
 def test_a_class_holds_the_cause_with_nine_tenths(probabilities, alike, in_doubt):
     """The fewest names that do, beside those that explain as much as the first: ``near``."""
     rows = [
-        Row(name, float(np.log(p)), 0.0 if name == "near" else -100.0 * k, 0.0)
+        Row(name, float(np.log(p)), *2 * (0.0 if name == "near" else -100.0 * k,), 0.0)
         for k, (name, p) in enumerate(probabilities.items())
     ]
     names = name_probabilities(rows)
@@ -333,7 +357,7 @@ def test_a_class_holds_the_cause_with_nine_tenths(probabilities, alike, in_doubt
 )
 def test_beside_a_law_that_no_list_has_stand_the_names_of_nine_tenths(probabilities, perhaps):
     rows = [
-        Row(name, float(np.log(p)), -100.0 * k, 0.0)
+        Row(name, float(np.log(p)), -100.0 * k, -100.0 * k, 0.0)
         for k, (name, p) in enumerate(probabilities.items())
     ]
     names = name_probabilities(rows)

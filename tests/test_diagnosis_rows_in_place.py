@@ -37,3 +37,18 @@ def test_what_comes_in_whole_samples_is_no_rival_of_a_delay_of_a_part_of_one():
     assert found.verdict in ("unlisted", "ambiguous")
     assert found.findings
     assert not any("data_drop" in f.name_probability for f in found.findings)
+
+
+def slowly(period):
+    """The base tilts to and fro, besides a vibration, by 4 arcsec and, differently, an overtone."""
+    tilt = {"id": "learned", "on": "tilt", "slot": "base", "turn": "y", "coordinate": "time"}
+    return tilt | {"period": period, "coefficients": [2e-5, 6e-6]}
+
+
+def test_a_law_of_which_a_name_explains_four_fifths_has_none_for_certain():
+    """A vibration and, for the rest, tilts of other periods."""
+    shake = {"id": "base_vibration", "ec_ug": 60.0, "frequency_hz": 1.7}
+    truth = bench(shake, slowly(5.7), slowly(13.4))
+    (finding,) = diagnose(honest(truth), [recorded(truth, 8)]).findings
+    assert finding.name_probability[UNLISTED] > 0.5
+    assert {part.effect for part in finding.parts} == {"base_vibration", "learned"}

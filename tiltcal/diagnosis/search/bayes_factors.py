@@ -18,6 +18,10 @@ DEVIATIONS = 10.0 ** np.array([-4.0, -3.0, -2.0])
 """Prior shares of a law's energy by which one number of its real form may deviate from the
 textbook's.
 """
+ANY_SHARE = np.array([1 / 5, 1.0, 5.0])
+"""Energy of the rest of a law in energies of what a name explains of it, where any share is as
+probable as another: the middles of three thirds.
+"""
 
 
 def log_bayes_factor(gain: Array, ratio: Array) -> Array:

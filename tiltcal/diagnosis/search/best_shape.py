@@ -12,8 +12,9 @@ from tiltcal.diagnosis.hypotheses.localised_curves import STEPS
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.curve_resolution import resolutions
-from tiltcal.diagnosis.search.explanation import explain, possible
+from tiltcal.diagnosis.search.explanation import explain
 from tiltcal.diagnosis.search.nearest_forms import nearest_forms
+from tiltcal.diagnosis.search.possible_sizes import possible
 from tiltcal.diagnosis.search.shape_refinement import refined
 from tiltcal.diagnosis.search.state import Proposal
 from tiltcal.effects.learned import Learned

@@ -5,7 +5,8 @@ from collections.abc import Collection, Mapping
 from scipy.special import expit, logsumexp
 
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.search.explanation import evidence_in_place, possible
+from tiltcal.diagnosis.search.explanation import explanation_of
+from tiltcal.diagnosis.search.possible_sizes import possible
 from tiltcal.diagnosis.search.state import Doubt, State, laws, refitted, repriced, without
 
 CLAIM = 0.99
@@ -71,7 +72,7 @@ def _beside_neighbours(state: State, cause: int) -> float:
         return 1.0
     tried, prior = state.causes[cause].tried, state.causes[cause].prior
     rest = without(state, cause).fitted
-    return _probability(evidence_in_place(terms, tried, rest, state.whitened)[0] + prior)
+    return _probability(explanation_of(terms, tried, rest, state.whitened).evidence + prior)
 
 
 def _probability(log_odds: float) -> float:

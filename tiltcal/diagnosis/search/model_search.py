@@ -19,7 +19,8 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.best_shape import best_shape
-from tiltcal.diagnosis.search.explanation import explained_by, possible
+from tiltcal.diagnosis.search.explanation import explained_by
+from tiltcal.diagnosis.search.possible_sizes import possible
 from tiltcal.diagnosis.search.priors import kind
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import refined

@@ -62,7 +62,9 @@ class Names:
 
 @dataclass(frozen=True)
 class Row:
-    """An explanation in a cause's place: log posterior odds, evidence and gain, nats.
+    """An explanation in a cause's place: log posterior odds, evidence, and gain, nats.
+
+    coarse_evidence: where the likelihood is coarsened, nats.
 
     misfit: whether it is what the nameless causes leave of their laws; imitated: whether it is the
     share of a law without a name that a listed form explains.
@@ -71,14 +73,16 @@ class Row:
     name: str
     score: float
     evidence: float
+    coarse_evidence: float
     gain: float
     proposal: Proposal | None = None
     misfit: bool = False
     imitated: bool = False
 
-    def coarsely(self, coarse: float) -> float:
-        """Log posterior odds where the data count less by a factor; the prior does not."""
-        return self.score - self.evidence + self.evidence / coarse
+    @property
+    def coarse_score(self) -> float:
+        """Log posterior odds where the likelihood is coarsened; the prior is not."""
+        return self.score - self.evidence + self.coarse_evidence
 
 
 def imitation_odds(gain: float, columns: int) -> float:
@@ -112,9 +116,8 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     """Probabilities under the coarsened posterior."""
     top = max(rows, key=lambda r: r.score)
     whole_gain = max(max(r.gain for r in rows), np.finfo(float).tiny)
-    coarse = coarsened(whole_gain)
     score = {
-        name: float(logsumexp([r.coarsely(coarse) for r in rows if r.name == name]))
+        name: float(logsumexp([r.coarse_score for r in rows if r.name == name]))
         for name in {r.name for r in rows}
     }
     whole = logsumexp(list(score.values()))

@@ -28,7 +28,8 @@ from tiltcal.diagnosis.search.name_probabilities import (
     coarsened,
     name_probabilities,
 )
-from tiltcal.diagnosis.search.rows_in_place import name_of, rows_in_place, terms_of
+from tiltcal.diagnosis.search.rows_in_place import rows_in_place, terms_of
+from tiltcal.diagnosis.search.rows_without_name import name_of
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import State, laws, refitted, with_cause, without
 from tiltcal.effects.learned import Learned

@@ -1,39 +1,35 @@
 """Everything that may stand in the place of a cause, with its posterior odds."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
-from tiltcal.diagnosis.search import priors
 from tiltcal.diagnosis.search.best_shape import best_shape, in_shapes
-from tiltcal.diagnosis.search.curve_misfit import (
-    energy_beside,
-    misfit_odds,
-    of_other_kind,
-)
-from tiltcal.diagnosis.search.explanation import (
-    Explanation,
-    evidence_in_place,
-    explain,
-    possible,
-)
+from tiltcal.diagnosis.search.explanation import explain, explained_by, explanation_of
 from tiltcal.diagnosis.search.local_level import local_level
 from tiltcal.diagnosis.search.model_search import looked_at
 from tiltcal.diagnosis.search.name_probabilities import (
-    AGAIN,
+    LEAST,
     UNLISTED,
     Row,
-    imitation_odds,
+    coarsened,
+)
+from tiltcal.diagnosis.search.possible_sizes import possible
+from tiltcal.diagnosis.search.rows_without_name import (
+    completed,
+    imitated,
+    misfits,
+    of_any_form,
+    of_other_source,
+    row_of,
 )
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import at_shape, shapes
 from tiltcal.diagnosis.search.state import Proposal, State, laws, refitted, with_cause, without
 
-FURTHER = float(np.log(priors.SOMETHING * (1 - priors.UNLISTED)))
-"""Log odds that a listed cause is there beside others."""
 FIRST_ORDER = 0.01  # of what a law explains, by which its column may differ from its form
 
 
@@ -41,31 +37,50 @@ def rows_in_place(state: State, k: int, scan: Scan) -> list[Row]:
     """Everything that may stand in the place of a cause, all others being as they are."""
     rest, whitened, cause = without(state, k), state.whitened, state.causes[k]
     terms = terms_of(state, k)
-    evidence, gain = evidence_in_place(terms, cause.tried, rest.fitted, whitened)
-    rows = [Row(name_of(terms), evidence + cause.prior, evidence, gain / 2)]
+    own = explanation_of(terms, cause.tried, rest.fitted, whitened)
     law, every = terms[0].hypothesis, looked_at(rest.fitted, whitened, scan)
+    coarse = coarsened(max(e.gain for e in (own, *(p.explanation for p in every))) / 2)
+    rows = [row_of(own, cause.prior, coarse)]
     known = {id(p.explanation.hypothesis) for p in every}
     first = [p for p in every if possible(p.explanation.terms[0])]
     for p in (*_at_its_shape(law, first, rest), *_at_its_instant(law, rest, scan)):
-        e = p.explanation
-        if not _same(e.hypothesis, law):  # once, at the shape that it has
-            rows.append(Row(name_of(e.terms), p.score, e.evidence, e.gain / 2, p))
-    factors = scan.log_bayes_factors(rest.fitted)
-    for hypothesis, factor, odds in zip(whitened.hypotheses, factors, scan.log_odds, strict=True):
-        if id(hypothesis) not in known:
-            if hypothesis.line_hz and factor > 0:
-                factor /= local_level(hypothesis, (), rest.fitted, whitened)
-            name = hypothesis.id if hypothesis.listed else UNLISTED
-            rows.append(Row(name, float(factor + odds), float(factor), 0.0))
-    rows = list(_fitted(state, k, rows))
-    rows += _of_other_source(rows, law)
-    own = Explanation(terms, evidence, gain, cause.tried)
-    rows += _of_any_form(rows, own, scan, whitened.hypotheses)
-    imitated = _imitated(rows, whitened.columns.width, _is_again(state, k))
-    return [*rows, *_misfits(state, k, rows), *imitated]
+        if not _same(p.explanation.hypothesis, law):  # once, at the shape that it has
+            rows.append(row_of(p.explanation, p.prior, coarse, p))
+    top = max(row.coarse_score for row in rows)
+    rows += _not_looked_at(rest, scan, known, coarse, top + np.log(LEAST))
+    rows = list(_fitted(state, k, rows, coarse))
+    rows += of_other_source(rows, law)
+    rows += [*of_any_form(rows, own, rest, scan, coarse), *completed(rows, own, rest, coarse)]
+    shares = imitated(rows, whitened.columns.width, _is_again(state, k))
+    return [*rows, *misfits(state, k, rows), *shares]
 
 
-def _fitted(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
+def _not_looked_at(
+    rest: State, scan: Scan, known: Collection[int], coarse: float, counts: float
+) -> Iterator[Row]:
+    """The hypotheses that were not worked out, by the evidence of their columns.
+
+    Args:
+        rest: the other causes; known: ids of those hypotheses that were.
+        counts: coarse score from which a hypothesis counts, so that its sizes have to be possible.
+    """
+    fitted, whitened = rest.fitted, rest.whitened
+    fine, less = scan.log_bayes_factors(fitted), scan.log_bayes_factors(fitted, coarse)
+    for k, hypothesis in enumerate(whitened.hypotheses):
+        if id(hypothesis) in known:
+            continue
+        level, odds = 1.0, float(scan.log_odds[k])
+        if hypothesis.line_hz and fine[k] > 0:
+            level = local_level(hypothesis, (), fitted, whitened)
+        if hypothesis.listed and less[k] / level + odds > counts:
+            told = explained_by(scan.products.normal_equations(k, fitted), fitted, whitened)
+            if told is None or not possible(told.terms[0]):
+                continue
+        name, factor = hypothesis.id if hypothesis.listed else UNLISTED, float(fine[k]) / level
+        yield Row(name, factor + odds, factor, float(less[k]) / level, 0.0)
+
+
+def _fitted(state: State, k: int, rows: Sequence[Row], coarse: float) -> Iterator[Row]:
     """Rows, those of other names that explain nearly as much as the first at their own fit, where
     that is better: a column is its law's form to first order only.
     """
@@ -78,7 +93,11 @@ def _fitted(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
         worse = refitted(with_cause(state, k, row.proposal)).cost - state.cost
         shift = max(own.score - worse - row.score, 0.0)
         yield replace(
-            row, score=row.score + shift, evidence=row.evidence + shift, gain=row.gain + shift
+            row,
+            score=row.score + shift,
+            evidence=row.evidence + shift,
+            coarse_evidence=row.coarse_evidence + shift / coarse,
+            gain=row.gain + shift,
         )
 
 
@@ -124,82 +143,6 @@ def _at_its_shape(law: Hypothesis, found: Sequence[Proposal], rest: State) -> It
         yield p
 
 
-def _of_other_source(rows: Sequence[Row], law: Hypothesis) -> Iterator[Row]:
-    """What is listed in a cause's place and whose shape tells its source, such as the frequency of
-    a tone, as a law of that shape from a source that no list has. It acts on the same channels
-    alike, which no curve of one channel does.
-
-    Args:
-        rows: in the cause's place; law: of the first of them.
-    """
-    curves = [r for r in rows if r.name == UNLISTED and r.proposal is not None]
-    if not curves:
-        return
-    curve = max(curves, key=lambda r: r.score)
-    other = float(np.log(priors.UNLISTED / (1 - priors.UNLISTED)))
-    for k, row in enumerate(rows):
-        source = law if k == 0 else row.proposal and row.proposal.explanation.hypothesis
-        if source and source.listed and source.odds:
-            score = row.score - source.odds + other
-            yield replace(row, name=UNLISTED, score=score, proposal=curve.proposal)
-
-
-def _of_any_form(
-    rows: Sequence[Row], own: Explanation, scan: Scan, hypotheses: Sequence[Hypothesis]
-) -> Iterator[Row]:
-    """What is listed in a cause's place and holds for a curve of any form, as such a curve without
-    a name: it is as probable there as a nameless curve over the same coordinate.
-
-    Args:
-        rows: in the cause's place; own: the explanation of the first of them.
-        scan: of the hypotheses.
-    """
-    nameless = {
-        priors.kind(h): float(odds)
-        for h, odds in zip(hypotheses, scan.log_odds, strict=True)
-        if not h.listed
-    }
-    for k, row in enumerate(rows):
-        told = own if k == 0 else row.proposal and row.proposal.explanation
-        if not (told and told.hypothesis.alias and told.hypothesis.law.form == "any"):
-            continue
-        law = replace(told.hypothesis, alias=None)
-        if (odds := nameless.get(priors.kind(law))) is not None:
-            first, *others = told.terms
-            terms = (replace(first, hypothesis=law), *(replace(t, host=law) for t in others))
-            curve = Proposal(replace(told, terms=terms, plain=None), odds)
-            yield replace(row, name=UNLISTED, score=row.evidence + odds, proposal=curve)
-
-
-def _misfits(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
-    """What is listed in the place of a listed cause, as what the nameless ones leave of their laws:
-    which of the listed takes that up is as open as which is a cause, but they leave it for certain.
-    The form is the same; what differs is the prior of its size, which no coarsening blurs.
-    """
-    listed = laws(state.fitted)[k].listed
-    energy = energy_beside(state, k, of_other_kind(state, k)) if listed else 0.0
-    for row in rows:
-        if energy > 0 and row.name != UNLISTED and row.gain > 0:
-            odds = misfit_odds(2 * row.gain, energy) - FURTHER
-            yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
-
-
-def _imitated(rows: Sequence[Row], columns: int, again: bool) -> Iterator[Row]:
-    """What is listed in a cause's place, as what explains a share of a law that no list has. It
-    leaves the rest where nothing finds it, or the same name takes that up again.
-
-    Args:
-        rows: in the cause's place, its own first.
-        columns: directions in which the rest would be looked for.
-        again: whether the cause's name is in the model again.
-    """
-    for k, row in enumerate(rows):
-        if row.name != UNLISTED:
-            found = again and k == 0
-            odds = AGAIN if found else imitation_odds(2 * max(row.gain, row.evidence, 0), columns)
-            yield replace(row, name=UNLISTED, score=row.score + odds, imitated=True)
-
-
 def _is_again(state: State, k: int) -> bool:
     """Whether a cause has its textbook form at several shapes, or that is another cause in the same
     place as well. Vibrations and pick-up are of several lines by nature.
@@ -219,9 +162,3 @@ def _same(one: Hypothesis, other: Hypothesis) -> bool:
 def terms_of(state: State, k: int) -> tuple[FittedTerm, ...]:
     """The terms of a cause."""
     return tuple(state.fitted.terms[i] for i in state.fitted.findings()[k])
-
-
-def name_of(terms: Sequence[FittedTerm]) -> str:
-    """The name of a cause with these terms."""
-    law = terms[0].hypothesis
-    return law.id if law.listed else UNLISTED

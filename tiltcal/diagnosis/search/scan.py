@@ -38,9 +38,9 @@ class Scan:
         counts = np.array([len(h.names) for h in whitened.hypotheses], int)
         self._alike = [np.flatnonzero(counts == m) for m in np.unique(counts)]
 
-    def log_bayes_factors(self, fitted: FittedModel) -> Array:
-        """Of each hypothesis at every size in what a model leaves, against nothing,
-        (hypotheses,).
+    def log_bayes_factors(self, fitted: FittedModel, coarse: float = 1.0) -> Array:
+        """Of each hypothesis at every size in what a model leaves, against nothing, where the
+        likelihood is raised to the power 1/coarse, (hypotheses,).
         """
         whitened = self._whitened
         along = self.products.along(fitted)
@@ -59,19 +59,19 @@ class Scan:
             there = share > SURVIVES
             gain = np.where(there, a * a / np.where(there, share, 1.0), 0.0)
             sized = share * np.einsum("gij,gi->gj", turn**2, np.where(raw < np.inf, raw, 0.0) ** 2)
-            found[which] = self._summed(which, gain, np.where(there, sized, 0.0), there)
+            found[which] = self._summed(which, gain, np.where(there, sized, 0.0), there, coarse)
         return found
 
-    def _summed(self, which: Index, gain: Array, sized: Array, there: Mask) -> Array:
+    def _summed(self, which: Index, gain: Array, sized: Array, there: Mask, coarse: float) -> Array:
         """Over the directions of each hypothesis, (g,). gain, sized, there: (g, m)."""
         unsized = self._unsized[which]
         factors = np.zeros(gain.shape)
         if unsized.any():
-            part = gain[unsized]
-            ratio = np.broadcast_to(ENERGIES[:, None], (len(ENERGIES), part.size))
+            part = gain[unsized] / coarse
+            ratio = np.broadcast_to(ENERGIES[:, None] / coarse, (len(ENERGIES), part.size))
             factors[unsized] = perhaps(log_bayes_factor(part.ravel(), ratio)).reshape(part.shape)
         if not unsized.all():
-            part = gain[~unsized]
-            ratio = SIZES[:, None] * sized[~unsized].ravel()
+            part = gain[~unsized] / coarse
+            ratio = SIZES[:, None] / coarse * sized[~unsized].ravel()
             factors[~unsized] = perhaps(log_bayes_factor(part.ravel(), ratio)).reshape(part.shape)
         return np.asarray(np.where(there, factors, 0.0).sum(axis=1))

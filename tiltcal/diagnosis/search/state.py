@@ -16,7 +16,8 @@ from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.noise_prior import noise_price
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.explanation import Explanation, evidence_in_place, possible
+from tiltcal.diagnosis.search.explanation import Explanation, explanation_of
+from tiltcal.diagnosis.search.possible_sizes import possible
 
 
 @dataclass(frozen=True)
@@ -167,6 +168,6 @@ def _priced(state: State) -> State:
     for k, (cause, places) in enumerate(zip(state.causes, fitted.findings(), strict=True)):
         rest = without(state, k).fitted
         terms = [fitted.terms[i] for i in places]
-        evidence, gain = evidence_in_place(terms, cause.tried, rest, state.whitened)
-        prices.append(gain / 2 - evidence - cause.prior)
+        told = explanation_of(terms, cause.tried, rest, state.whitened)
+        prices.append(told.price - cause.prior)
     return replace(state, prices=tuple(prices))

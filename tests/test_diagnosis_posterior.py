@@ -347,6 +347,19 @@ def test_a_class_holds_the_cause_with_nine_tenths(probabilities, alike, in_doubt
 
 
 @pytest.mark.parametrize(
+    ("first", "other", "alike"),
+    [(0.0, 0.0, ("a", "b")), (0.0, 20.0, ("a",)), (20.0, 20.0, ("a", "b"))],
+)
+def test_a_name_that_explains_as_much_only_where_it_deviates_is_no_equal(first, other, alike):
+    """Of a law in its textbook form; of one that deviates itself it is. Evidence of 20 nats is that
+    of the deviations.
+    """
+    likely = Row("a", 95.0, 100.0, 100.0, 100.0, deviation=first)
+    less = Row("b", 91.0, 96.0, 96.0, 100.0, deviation=other)
+    assert name_probabilities([likely, less]).alike == alike
+
+
+@pytest.mark.parametrize(
     ("probabilities", "perhaps"),
     [
         ({"unlisted": 0.92, "a": 0.08}, ()),

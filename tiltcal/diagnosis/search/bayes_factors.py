@@ -14,13 +14,13 @@ SIZES = 10.0 ** np.arange(-6, 3, 2)
 """Prior variances of a listed effect's size, in plausible sizes squared: no grade is known."""
 ENERGIES = 10.0 ** np.arange(0, 9)
 """Prior energies of a number of a curve, in units of the noise: nothing is known of its size."""
-DEVIATIONS = 10.0 ** np.array([-4.0, -3.0, -2.0])
+DEVIATIONS = np.array([1e-4, 1e-3, 0.01, 0.03])
 """Prior shares of a law's energy by which one number of its real form may deviate from the
-textbook's.
+textbook's. ``docs/diagnosis_model.md`` says what the largest rests on.
 """
-ANY_SHARE = np.array([1 / 5, 1.0, 5.0])
+ANY_SHARE = np.array([1 / 7, 3 / 5, 5 / 3, 7.0])
 """Energy of the rest of a law in energies of what a name explains of it, where any share is as
-probable as another: the middles of three thirds.
+probable as another: the middles of four quarters.
 """
 
 

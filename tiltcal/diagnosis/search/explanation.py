@@ -128,15 +128,14 @@ def explanation_of(
         fitted, whitened: as in ``explain``.
         free: terms that may have any share of the law, not only that of a deviation.
     """
-    basis, target = fitted.basis, fitted.residual
-    lengths = [len(r) for r in target]
-    law = terms[0].hypothesis
+    basis, law = fitted.basis, terms[0].hypothesis
+    lengths = [len(r) for r in fitted.residual]
     whole = [FittedTerm.start(law), *terms[1:]]
     stored = stored_of(whitened, whole)
     columns = [_own_part(basis, c, lengths) for c in stored]
     block = np.column_stack(columns)
     owner = [t for t in whole for _ in t.names]
-    along = block.T @ np.concatenate(target)
+    along = block.T @ np.concatenate(fitted.residual)
     family = [t.hypothesis for t in terms[1:]]
     family += whitened.columns.completing(law) if law.line_hz else []
     level = local_level(law, family, fitted, whitened)
@@ -151,8 +150,9 @@ def explanation_of(
         law.has_plausible_size,
     )
     build.take_sizes([law.names.index(name) for name in terms[0].names])
+    plain = build.explanation(terms[:1], tried) if len(terms) > 1 else None
     build.take_deviation(range(len(law.names), len(owner)), tried)
-    return build.explanation(terms, tried)
+    return replace(build.explanation(terms, tried), plain=plain)
 
 
 def _deviations(alike: Mask) -> Array:

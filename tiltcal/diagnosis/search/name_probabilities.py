@@ -38,8 +38,9 @@ class Names:
     Args:
         probability: of each name, ``unlisted`` for none of the catalogue; they sum to one.
         alike: names that the recording cannot tell from the most probable one, which is the first:
-            those that explain as much, and those that a class of CREDIBLE probability needs; none
-            where that is no name of the catalogue.
+            those that explain as much, in their textbook forms where it does so in its own, and
+            those that a class of CREDIBLE probability needs; none where that is no name of the
+            catalogue.
         in_doubt: whether such a class needs ``unlisted`` beside them.
         perhaps: where none of the catalogue is the most probable, the names that a class of
             CREDIBLE probability needs beside it.
@@ -65,6 +66,7 @@ class Row:
     """An explanation in a cause's place: log posterior odds, evidence, and gain, nats.
 
     coarse_evidence: where the likelihood is coarsened, nats.
+    deviation: part of the evidence that the deviation of its form from the textbook's adds, nats.
 
     misfit: whether it is what the nameless causes leave of their laws; imitated: whether it is the
     share of a law without a name that a listed form explains.
@@ -76,6 +78,7 @@ class Row:
     coarse_evidence: float
     gain: float
     proposal: Proposal | None = None
+    deviation: float = 0.0
     misfit: bool = False
     imitated: bool = False
 
@@ -127,7 +130,9 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     best = {n: max((r for r in rows if r.name == n), key=lambda r: r.evidence) for n in order}
     first = next(n for n in order if n != UNLISTED)
     limit = best[first].evidence - SEPARABLE / 2
-    near = [n for n in order if n not in (first, UNLISTED) and best[n].evidence > limit]
+    textbook = not best[first].deviation
+    as_good = {r.name for r in rows if r.evidence - textbook * r.deviation > limit}
+    near = [n for n in order if n not in (first, UNLISTED) and n in as_good]
     more = _needed(chance, {first, *near})
     in_doubt = UNLISTED in more
     near += [n for n in more if n != UNLISTED]

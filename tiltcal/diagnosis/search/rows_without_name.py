@@ -153,7 +153,9 @@ def _energy_of(term: FittedTerm, state: State) -> float:
 def row_of(told: Explanation, prior: float, coarse: float, proposal: Proposal | None = None) -> Row:
     """An explanation under its own name."""
     evidence, less = told.evidence, told.coarsely(coarse)
-    return Row(name_of(told.terms), evidence + prior, evidence, less, told.gain / 2, proposal)
+    deviation = evidence - told.plain.evidence if told.plain else 0.0
+    name, gain = name_of(told.terms), told.gain / 2
+    return Row(name, evidence + prior, evidence, less, gain, proposal, deviation)
 
 
 def name_of(terms: Sequence[FittedTerm]) -> str:

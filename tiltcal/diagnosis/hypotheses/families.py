@@ -107,12 +107,9 @@ def _same_curve(curve: Hypothesis, host: Hypothesis) -> bool:
     another axis.
     """
     a, b = curve.effect, host.effect
-    if (
-        not isinstance(a, Learned)
-        or not isinstance(b, Learned)
-        or type(a) is not type(b)
-        or a.coordinate != b.coordinate
-    ):
+    if type(a) is not type(b):  # the cheapest question first: this is asked of every pair
+        return False
+    if not (isinstance(a, Learned) and isinstance(b, Learned)) or a.coordinate != b.coordinate:
         return False
     if _form(a) != _form(b):
         return False

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 from tiltcal.diagnosis.hypotheses.instants import Instant
@@ -42,7 +43,7 @@ class Hypothesis:
         """The class of its name."""
         return CATALOGUE[self.alias] if self.alias is not None else type(self.effect)
 
-    @property
+    @cached_property
     def listed(self) -> bool:
         """Whether it has a name in the catalogue."""
         return self.alias is not None or not isinstance(self.effect, Learned)

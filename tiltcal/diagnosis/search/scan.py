@@ -1,5 +1,7 @@
 """The evidence for every hypothesis in what a fitted model leaves, in one pass over the columns."""
 
+from functools import cached_property
+
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
@@ -44,14 +46,8 @@ class Scan:
         """
         whitened = self._whitened
         along = self.products.along(fitted)
-        starts = np.array(whitened.columns.starts, int)
         found = np.zeros(len(whitened.hypotheses))
-        for which in self._alike:
-            m = len(whitened.hypotheses[which[0]].names)
-            rows = starts[which][:, None] + np.arange(m)
-            zero = np.zeros((m, m))
-            gram = np.array([self.products.own.get(int(k), zero) for k in which])
-            raw = lengths(np.einsum("gii->gi", gram))
+        for which, rows, gram, raw in self._groups:
             inside = along[rows, 1:]
             rest = gram - inside @ inside.transpose(0, 2, 1)
             share, turn = _turned(rest / (raw[:, :, None] * raw[:, None, :]))
@@ -61,6 +57,20 @@ class Scan:
             sized = share * np.einsum("gij,gi->gj", turn**2, np.where(raw < np.inf, raw, 0.0) ** 2)
             found[which] = self._summed(which, gain, np.where(there, sized, 0.0), there, coarse)
         return found
+
+    @cached_property
+    def _groups(self) -> list[tuple[Index, Index, Array, Array]]:
+        """Hypotheses with m sizes each: their numbers, (g,), those of their columns, (g, m), and
+        the inner products, (g, m, m), and lengths of these, (g, m).
+        """
+        starts, groups = np.array(self._whitened.columns.starts, int), []
+        for which in self._alike:
+            m = len(self._whitened.hypotheses[which[0]].names)
+            zero = np.zeros((m, m))
+            gram = np.array([self.products.own.get(int(k), zero) for k in which])
+            raw = lengths(np.einsum("gii->gi", gram))
+            groups.append((which, starts[which][:, None] + np.arange(m), gram, raw))
+        return groups
 
     def _summed(self, which: Index, gain: Array, sized: Array, there: Mask, coarse: float) -> Array:
         """Over the directions of each hypothesis, (g,). gain, sized, there: (g, m)."""

@@ -32,6 +32,9 @@ class HypothesisColumns:
         self._shapes = TriedShapes()
         # how many hypotheses were asked, and who completes the one of a number
         self._families: dict[int, tuple[int, list[int]]] = {}
+        # the same of shapes that were tried, among the hypotheses that these stand beside
+        self._first = 0
+        self._of_tried: dict[object, tuple[int, list[int]]] = {}
         self._store = ColumnStore()
         self._kept: dict[tuple[tuple[str, str | None, str | None], str], tuple[bytes, Columns]] = {}
 
@@ -56,6 +59,7 @@ class HypothesisColumns:
         other._places = {place: list(numbers) for place, numbers in self._places.items()}
         other._numbers, other._families = dict(self._numbers), dict(self._families)
         other._around, other._kept, other._shapes = self._around, self._kept, self._shapes
+        other._first, other._of_tried = self._first or len(self.hypotheses), self._of_tried
         for hypothesis in hypotheses:
             other._put(hypothesis, self._of_shape(hypothesis))
         return other
@@ -102,10 +106,24 @@ class HypothesisColumns:
         asked, members = self._families.get(number, (0, []))
         if asked < len(self.hypotheses):
             host = self.hypotheses[number]
+            if number >= self._first > asked:
+                asked, members = self._family_of_tried(host)
             new = (k for k in self._near(host, asked) if k != number)
             members = [*members, *(k for k in new if completes(self.hypotheses[k], host))]
             self._families[number] = len(self.hypotheses), members
         return members
+
+    def _family_of_tried(self, host: Hypothesis) -> tuple[int, list[int]]:
+        """How many hypotheses these stand beside, and which of them complete the form of a further
+        one: the same shapes are tried often.
+        """
+        key = host.alias, repr((host.effect, host.names))
+        asked, members = self._of_tried.get(key, (0, []))
+        if asked < self._first:
+            new = (k for k in self._near(host, asked) if k < self._first)
+            members = [*members, *(k for k in new if completes(self.hypotheses[k], host))]
+            self._of_tried[key] = self._first, members
+        return self._first, members
 
     def completing(self, host: Hypothesis) -> list[Hypothesis]:
         """The hypotheses that complete the form of one, which may be at a shape of its own."""

@@ -32,7 +32,7 @@ class HypothesisColumns:
         self._shapes = TriedShapes()
         # how many hypotheses were asked, and who completes the one of a number
         self._families: dict[int, tuple[int, list[int]]] = {}
-        # the same of shapes that were tried, among the hypotheses that these stand beside
+        # the same of shapes that were tried beside the first of these hypotheses, among those
         self._first = 0
         self._of_tried: dict[object, tuple[int, list[int]]] = {}
         self._store = ColumnStore()
@@ -103,27 +103,27 @@ class HypothesisColumns:
 
     def family(self, number: int) -> list[int]:
         """Numbers of the hypotheses that complete the form of one, in order."""
-        asked, members = self._families.get(number, (0, []))
-        if asked < len(self.hypotheses):
-            host = self.hypotheses[number]
-            if number >= self._first > asked:
-                asked, members = self._family_of_tried(host)
-            new = (k for k in self._near(host, asked) if k != number)
-            members = [*members, *(k for k in new if completes(self.hypotheses[k], host))]
-            self._families[number] = len(self.hypotheses), members
-        return members
+        known, host = self._families.get(number, (0, [])), self.hypotheses[number]
+        if number >= self._first > known[0]:  # the same shapes are tried often
+            shape = host.alias, repr((host.effect, host.names))
+            known = self._asked(host, self._of_tried.get(shape, (0, [])), self._first)
+            self._of_tried[shape] = known
+        self._families[number] = self._asked(host, known, len(self.hypotheses))
+        return self._families[number][1]
 
-    def _family_of_tried(self, host: Hypothesis) -> tuple[int, list[int]]:
-        """How many hypotheses these stand beside, and which of them complete the form of a further
-        one: the same shapes are tried often.
+    def _asked(
+        self, host: Hypothesis, known: tuple[int, list[int]], count: int
+    ) -> tuple[int, list[int]]:
+        """How many of the first hypotheses were asked, and who of them completes the form of one.
+
+        Args:
+            known: the same of fewer of them; count: how many to ask.
         """
-        key = host.alias, repr((host.effect, host.names))
-        asked, members = self._of_tried.get(key, (0, []))
-        if asked < self._first:
-            new = (k for k in self._near(host, asked) if k < self._first)
-            members = [*members, *(k for k in new if completes(self.hypotheses[k], host))]
-            self._of_tried[key] = self._first, members
-        return self._first, members
+        asked, members = known
+        if asked >= count:
+            return known
+        new = (k for k in self._near(host, asked) if k < count and self.hypotheses[k] is not host)
+        return count, [*members, *(k for k in new if completes(self.hypotheses[k], host))]
 
     def completing(self, host: Hypothesis) -> list[Hypothesis]:
         """The hypotheses that complete the form of one, which may be at a shape of its own."""

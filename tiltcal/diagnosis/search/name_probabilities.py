@@ -83,6 +83,11 @@ class Row:
     imitated: bool = False
 
     @property
+    def plain_evidence(self) -> float:
+        """Evidence for its textbook form, nats."""
+        return self.evidence - self.deviation
+
+    @property
     def coarse_score(self) -> float:
         """Log posterior odds where the likelihood is coarsened; the prior is not."""
         return self.score - self.evidence + self.coarse_evidence
@@ -130,8 +135,8 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     best = {n: max((r for r in rows if r.name == n), key=lambda r: r.evidence) for n in order}
     first = next(n for n in order if n != UNLISTED)
     limit = best[first].evidence - SEPARABLE / 2
-    textbook = not best[first].deviation
-    as_good = {r.name for r in rows if r.evidence - textbook * r.deviation > limit}
+    deviates = best[first].deviation != 0
+    as_good = {r.name for r in rows if (r.evidence if deviates else r.plain_evidence) > limit}
     near = [n for n in order if n not in (first, UNLISTED) and n in as_good]
     more = _needed(chance, {first, *near})
     in_doubt = UNLISTED in more

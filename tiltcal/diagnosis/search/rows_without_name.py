@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.fitted_model import FittedTerm, whitened_of
+from tiltcal.diagnosis.model.fitted_model import FittedTerm, summed
 from tiltcal.diagnosis.search import priors
 from tiltcal.diagnosis.search.curve_misfit import energy_beside, misfit_odds, of_other_kind
 from tiltcal.diagnosis.search.explanation import Explanation, explanation_of
@@ -54,7 +54,7 @@ def of_any_form(
 
     Args:
         rows: in the cause's place; own: the explanation of the first of them.
-        rest: the other causes; scan: of the hypotheses;
+        rest: the other causes; scan: of the hypotheses.
         coarse: the likelihood is raised to the power 1/coarse.
     """
     nameless = {
@@ -141,13 +141,9 @@ def _led_by_curve(told: Explanation, curves: Sequence[FittedTerm], rest: State) 
 
 def _energy_of(term: FittedTerm, state: State) -> float:
     """Energy of a term's signal, in units of the noise."""
-    columns = whitened_of(state.whitened, [term], state.fitted.effects)
-    sizes = [v / term.hypothesis.size(n) for n, v in zip(term.names, term.values, strict=True)]
-    channels = {i for column in columns for i in column}
-    signals = (
-        sum(s * c[i] for s, c in zip(sizes, columns, strict=True) if i in c) for i in channels
-    )
-    return float(sum(np.sum(np.square(signal)) for signal in signals))
+    whitened = state.whitened
+    signal = whitened.whiten(summed([term], whitened.observations, state.fitted.effects))
+    return sum(float(part @ part) for part in signal.values())
 
 
 def row_of(told: Explanation, prior: float, coarse: float, proposal: Proposal | None = None) -> Row:

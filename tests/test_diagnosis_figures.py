@@ -191,7 +191,7 @@ def test_what_is_not_probable_enough_to_be_claimed_is_a_doubt():
         SlowVariation("fog", "a", 15.0, False, 0.97),
         SlowVariation("gyro", "x", 90.0, False, 0.9999),
     )
-    said = SimpleNamespace(slow=slow, bands=(), tones=())
+    said = SimpleNamespace(slow=slow, bands=(), tones=(), motions=())
     (finding,) = nameless_findings(said)
     assert finding.axes == ("x",)
     ((words, chance),) = nameless_doubts(said)

@@ -41,6 +41,7 @@ from tiltcal.diagnosis.search.model_search import most_probable, settled
 from tiltcal.diagnosis.search.moving_tones import MovingTone, moving_tones
 from tiltcal.diagnosis.search.names import named, without_misfits
 from tiltcal.diagnosis.search.narrow_bands import NarrowBand, narrow_bands
+from tiltcal.diagnosis.search.random_motion import RandomMotion, random_motions
 from tiltcal.diagnosis.search.random_settings import beside_random_settings, is_lawful
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
@@ -227,6 +228,7 @@ def _explained(
         tuple(chances[k] for k in held),
         slow_variations(left, DOUBTED, floors),
         *(((), ()) if held or doubts else _oscillations(left, fitted, floors)),
+        () if held or chance or _knows_settings(start) else _motions(left, fitted, floors),
         doubts,
     )
 
@@ -238,6 +240,14 @@ def _oscillations(
     rest = left.residual(fitted.effects)
     tones = moving_tones(left, rest, fitted.effects, DOUBTED, floors)
     return narrow_bands(left, rest, DOUBTED, floors), tones
+
+
+def _motions(
+    left: WhitenedModel, fitted: FittedModel, floors: Mapping[str, float]
+) -> tuple[RandomMotion, ...]:
+    """Random motion in what a model leaves."""
+    rest = left.residual(fitted.effects)
+    return random_motions(left, rest, fitted.effects, DOUBTED, floors)
 
 
 def _by_chance(

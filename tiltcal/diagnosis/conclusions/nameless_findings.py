@@ -3,19 +3,21 @@ part in the amended scenario, where they stay noise.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
 from tiltcal.diagnosis.search.claimed_causes import CLAIM
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.moving_tones import MovingTone
-from tiltcal.diagnosis.search.name_probabilities import UNLISTED
+from tiltcal.diagnosis.search.name_probabilities import CREDIBLE, UNLISTED
 from tiltcal.diagnosis.search.narrow_bands import NarrowBand
+from tiltcal.diagnosis.search.random_motion import RandomMotion
 from tiltcal.diagnosis.search.slow_variation import SlowVariation
 
 
 def nameless_findings(said: Explained) -> list[Finding]:
-    """Slow variation of each axis, then oscillations, of what a search came to."""
+    """Slow variation of each axis, oscillations, and random motion, of what a search came to."""
     return [f for chance, f in _all_of(said) if chance >= CLAIM]
 
 
@@ -29,12 +31,13 @@ def _all_of(said: Explained) -> Iterator[tuple[float, Finding]]:
     """Every one with its probability."""
     yield from ((one.probability, _slow(one)) for one in said.slow)
     yield from _oscillations(said.bands, said.tones)
+    yield from ((one.probability, _random(one)) for one in said.motions)
 
 
 def _slow(slow: SlowVariation) -> Finding:
     beside = f"the other axes of {slow.sensor}" if slow.beside_axes else "the worst grade"
     return _nameless(
-        slow.sensor,
+        (slow.sensor,),
         (slow.axis,),
         slow.probability,
         f"Slow variation of {slow.sensor} {slow.axis} that no listed effect explains:"
@@ -56,7 +59,26 @@ def _oscillations(
         where = f"{sensor} {', '.join(axes)}"
         words = _moving(where, moving[0]) if moving else _steady(where, steady[0])
         chance = (moving or steady)[0].probability
-        yield chance, _nameless(sensor, axes, chance, *words, "frequency")
+        yield chance, _nameless((sensor,), axes, chance, *words, "frequency")
+
+
+def _random(motion: RandomMotion) -> Finding:
+    """Random motion, with the law of slow motion that it may be."""
+    where = f"{', '.join(motion.sensors)} {', '.join(motion.axes)}"
+    names = tuple(motion.names) if motion.names[UNLISTED] < CREDIBLE else ()
+    laws = ", ".join(name for name in names if name != UNLISTED)
+    other = f" (or it is {laws}: this recording cannot tell)" if laws else ""
+    found = _nameless(
+        motion.sensors,
+        motion.axes,
+        motion.probability,
+        f"Random motion of {motion.place}, seen by {where}: no listed effect has this form{other}."
+        f" Between {motion.low:.2g} and {motion.high:.2g} Hz what some channels read predicts the"
+        " others, as the attitude has it, which noise of a channel does not.",
+        f"record at rest in two attitudes for as long, to see whether {motion.place} moves",
+        "time",
+    )
+    return replace(found, stage=motion.stage, names=names, name_probability=motion.names)
 
 
 Oscillation = TypeVar("Oscillation", NarrowBand, MovingTone)
@@ -87,7 +109,7 @@ def _moving(where: str, tone: MovingTone) -> tuple[str, str]:
 
 
 def _nameless(
-    sensor: str,
+    sensors: tuple[str, ...],
     axes: tuple[str, ...],
     probability: float,
     statement: str,
@@ -98,7 +120,7 @@ def _nameless(
         effect=None,
         names=(),
         stage="sensor",
-        sensors=(sensor,),
+        sensors=sensors,
         axes=axes,
         where=Where(coordinate),
         p_value=1 - probability,

@@ -60,7 +60,7 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
                     tilt = curve_over(
                         LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place
                     )
-                    yield replace(tilt, alias=_named(slot, coordinate))
+                    yield replace(tilt, alias=tilt_law(slot, coordinate))
         for turn in "xy":
             yield from _settling(turn, span)
         for turn, axis in product("xyz", scenario.rig.axis_names):
@@ -86,12 +86,12 @@ def _settling(turn: str, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """A tilt of the base that comes to rest, exponentially: what a late time is less than time."""
     lags = [lag for lag in SETTLING if SHOWS_BEND * lag < span.duration]
     where: dict[str, Any] = {"slot": "base", "turn": turn, "place": "environment"}
-    for lag in lags if (alias := _named("base", "time")) else ():
+    for lag in lags if (alias := tilt_law("base", "time")) else ():
         late = curve_over(LearnedTilt, "time", 1, lag=lag, relaxing=True, **where)
         yield proportional(late, alias)
 
 
-def _named(slot: str, coordinate: str) -> str | None:
+def tilt_law(slot: str, coordinate: str) -> str | None:
     """The law that a tilt has whatever its course; None: there is none."""
     laws = (c for c in CATALOGUE.values() if c.form == "any")
     return next((c.id for c in laws if c.family.has_tilt(slot, coordinate, None)), None)

@@ -9,6 +9,7 @@ from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.moving_tones import MovingTone
 from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.diagnosis.search.narrow_bands import NarrowBand
+from tiltcal.diagnosis.search.random_motion import RandomMotion
 from tiltcal.diagnosis.search.slow_variation import SlowVariation
 from tiltcal.diagnosis.search.state import Doubt
 
@@ -25,6 +26,7 @@ class Explained:
         slow: variation that is too large to be noise, more probably than not.
         bands: of frequency that hold more than noise; tones: whose frequency moves; both more
             probably than not, and where nothing else was found.
+        motions: at random, more probably than not, and where nothing else was found.
         doubts: causes that the noise may be instead.
     """
 
@@ -37,4 +39,5 @@ class Explained:
     slow: tuple[SlowVariation, ...]
     bands: tuple[NarrowBand, ...] = ()
     tones: tuple[MovingTone, ...] = ()
+    motions: tuple[RandomMotion, ...] = ()
     doubts: tuple[Doubt, ...] = ()

@@ -126,7 +126,21 @@ def settled(state: State, gate: NoiseGate, visited: list[Visit] | None = None) -
         visited.append((names, state.cost))
         if known or names == before:
             break
-    return best or repriced(state, gate.left_by(state.fitted, state.whitened))
+    return _dropped(best or repriced(state, gate.left_by(state.fitted, state.whitened)), gate)
+
+
+def _dropped(state: State, gate: NoiseGate) -> State:
+    """A state without the causes that cost more than the noise that takes their place: from a noise
+    with too little slow noise on all channels, one for each is found.
+    """
+    while state.causes:
+        rests = [refitted(without(state, k)) for k in range(len(state.causes))]
+        fewer = [repriced(s, gate.left_by(s.fitted, s.whitened)) for s in rests]
+        least = min(fewer, key=lambda s: s.cost)
+        if not least.cost < state.cost:
+            break
+        state = least
+    return state
 
 
 def _names(state: State) -> list[object]:

@@ -1,8 +1,8 @@
-"""Bands of frequency that hold more power than the noise on both sides of them: an oscillation that
+"""Bands of frequency that hold more power than the noise on either side of them: an oscillation that
 keeps no phase, such as a servo that hunts now and then.
 
-The power of a band beside that of its neighbours is F distributed in white noise of any level;
-where something is in it, it is so much larger (excess power: Anderson et al., Phys. Rev. D 63,
+The power of a band beside that of its louder neighbour is F distributed in white noise of any
+level, or less; where something is in it, it is so much larger (excess power: Anderson et al., Phys. Rev. D 63,
 042003, 2001). The residual is taken behind a limiter and in units of the noise about each row, so
 that gross values and bursts of noise, which correlate neighbouring powers, hold no band.
 """
@@ -84,8 +84,9 @@ def _likeliest(residual: Array, root: Array) -> tuple[int, int, float, float]:
         first = np.arange(white + width, n - 2 * width, width // 2)
         bands += len(first)
         inside = up_to[first + width] - up_to[first]
-        beside = up_to[first + 2 * width] - up_to[first - width] - inside
-        times = 2 * inside / np.maximum(beside, np.finfo(float).tiny)
+        below = up_to[first] - up_to[first - width]
+        above = up_to[first + 2 * width] - up_to[first + width]
+        times = inside / np.maximum(np.maximum(below, above), np.finfo(float).tiny)
         factors = log_excess(times, width)
         if len(first) and factors.max() > best[3]:
             k = int(np.argmax(factors))
@@ -98,11 +99,11 @@ def log_excess(times: Array, width: int) -> Array:
     """Logarithm of the Bayes factor of bands in which something is, (n,).
 
     Args:
-        times: mean power of each by that of its neighbours on both sides, (n,).
+        times: power of each by that of its louder neighbour, (n,).
         width: coefficients of a band, and of each neighbour.
     """
     whole = 1 + EXCESS[:, None]
-    fall = np.log1p(times / 2) - np.log1p(times / (2 * whole))
+    fall = np.log1p(times) - np.log1p(times / whole)
     return np.asarray(
-        logsumexp(width / 2 * (3 * fall - np.log(whole)), axis=0) - np.log(len(whole))
+        logsumexp(width / 2 * (2 * fall - np.log(whole)), axis=0) - np.log(len(whole))
     )

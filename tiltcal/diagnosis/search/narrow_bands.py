@@ -1,10 +1,11 @@
-"""Bands of frequency that hold more power than the noise on either side of them: an oscillation that
-keeps no phase, such as a servo that hunts now and then.
+"""Bands of frequency that hold more power than the noise on either side: an oscillation that keeps
+no phase, such as a servo that hunts now and then.
 
 The power of a band beside that of its louder neighbour is F distributed in white noise of any
-level, or less; where something is in it, it is so much larger (excess power: Anderson et al., Phys. Rev. D 63,
-042003, 2001). The residual is taken behind a limiter and in units of the noise about each row, so
-that gross values and bursts of noise, which correlate neighbouring powers, hold no band.
+level, or less; where something is in it, it is so much larger (excess power: Anderson et al., Phys.
+Rev. D 63, 042003, 2001). The residual is taken behind a limiter and in units of the noise about
+each row, so that gross values and bursts of noise, which correlate neighbouring powers, hold no
+band.
 """
 
 from collections.abc import Mapping, Sequence

@@ -44,6 +44,7 @@ AROUND = 3  # samples on either side, among which an outlier stands alone
 # of the noise of their difference, rms: a larger one is more than smoothing both could save
 AGREEING = 2.0
 SECANT = 10.0  # sigma: the step over which the slope of a sensor's curve is taken
+ENOUGH = 50  # differences that tell noise
 
 
 def smoothed_readings(
@@ -107,9 +108,11 @@ class HandMotion:
         """The body's rate, rad/s."""
         gyro, found = list(self._gyro_readings()), None
         agreeing = [fog for fog in self.fogs if self._agrees(fog, gyro)]
+        louder = max((self._louder(fog) for fog in agreeing), default=1.0)
         for _ in range(PASSES):
             fogs = [self._fog_readings(fog, found) for fog in agreeing]
-            kept = [_without_outliers(r, found) for r in (*gyro, *fogs)]
+            readings = [self._in_motion(r, louder) for r in (*gyro, *fogs)]
+            kept = [_without_outliers(r, found) for r in readings]
             found = most_probable_course(self._basis, kept)
         assert found is not None
         return found
@@ -204,9 +207,32 @@ class HandMotion:
             variance += share**2 / best
         variance += 1 / readings.weight.max(initial=ARITHMETIC)
         moving = stops_of(self.motion)[self.motion.sensor(fog).rows] < 0
+        variance[moving] *= self._louder(fog) ** 2
         classes = (told & moving, told & ~moving)
         ratios = [float(np.median(off[c] ** 2 / variance[c])) for c in classes if c.any()]
         return bool(ratios) and max(ratios) < AGREEING**2 * CHI2_MEDIAN
+
+    def _louder(self, fog: Sensor) -> float:
+        """How many times its size at rest the noise has in motion, at least one: by the fourth
+        differences of what a FOG and the triad differ by, in which the motion cancels.
+        """
+        samples, stamps = self.motion.sensor(fog), self.motion.sensor(self.gyro).time
+        along = np.interp(samples.time, stamps, self._inverse @ fog.input_vector)
+        change = np.diff(samples.values[:, 0] - along, 4) ** 2
+        moving = stops_of(self.motion)[samples.rows] < 0
+        moves = np.convolve(moving, np.ones(5), "valid")
+        every = [change[(moves == count) & np.isfinite(change)] for count in (5, 0)]
+        if min(len(some) for some in every) < ENOUGH:
+            return 1.0
+        turning, rest = (float(np.median(some)) for some in every)
+        return float(np.sqrt(max(turning / max(rest, ARITHMETIC**2), 1.0)))
+
+    def _in_motion(self, readings: LinearReadings, louder: float) -> LinearReadings:
+        """Readings whose noise is so many times as loud in motion."""
+        stop = stops_of(self.motion)
+        rows = np.clip(np.searchsorted(self.motion.time, readings.time), 0, len(stop) - 1)
+        times = np.where(stop[rows] < 0, louder, 1.0)
+        return replace(readings, weight=readings.weight / times**2)
 
     def _noise(self, sensor: Sensor, channel: int) -> float:
         """Standard deviation of a sample, rad/s: from its readings at rest, where there are

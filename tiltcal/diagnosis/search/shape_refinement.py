@@ -21,6 +21,7 @@ from tiltcal.effects.timing.delays import DataLatency
 from tiltcal.setup.tables import axis_of
 
 GRAIN = 4  # halvings of the step between shapes
+PASSES = 3  # over three shapes and more
 FINE = 8  # of an instant, and of a line and its phase: strong ones show a hundredth of their width
 LINE = 0.5  # of the width of a line, which is one over the duration
 STEP = {
@@ -32,16 +33,17 @@ STEP = {
     "lag": np.log(1.5),
     "play": np.log(1.5),
     "phase": np.pi / 6,
+    "early": 1 / 16,
     "period": np.log(1.05),
     "creep": np.log(1.6),
     "crossing": np.log(1.5),
     "place": 0.1,
     "breadth": np.log(4.0),
 }
-"""From one shape to the next: s for an instant, rad for a phase or a place over a turn, else
-relative.
+"""From one shape to the next: s for an instant, rad for a phase or a place over a turn, of a period
+for the beginning of an oscillation, else relative.
 """
-SHIFTED = ("time", "phase", "place")  # by steps that are added
+SHIFTED = ("time", "phase", "place", "early")  # by steps that are added
 PROMPT = ("creep", "lag")  # at nothing there is none, and nothing to refine
 
 
@@ -54,7 +56,9 @@ def refined(
     first = terms[0].hypothesis
     duration = float(np.ptp(whitened.observations.recordings[0].time))
     pause = first.instant is not None and first.instant.in_pause
-    for name in _shapes_of(terms):
+    names = list(_shapes_of(terms))
+    # of three and more each moves the best of the others
+    for name in names * (PASSES if len(names) > 2 else 1):
         if pause and name == "time":
             continue
         step = _step(first, name, duration, whitened)
@@ -79,14 +83,17 @@ def refined(
 
 
 def _step(hypothesis: Hypothesis, name: str, duration: float, whitened: WhitenedModel) -> float:
-    """From one value of a shape to the next: of a line in time half its width; of the place of a
-    localised form a share of the range of what it follows, of an angle of a turn.
+    """From one value of a shape to the next: of a line in time half its width; of the beginning of
+    an oscillation a share of its period; of the place of a localised form a share of the range of
+    what it follows, of an angle of a turn.
     """
     effect, line = hypothesis.effect, hypothesis.line_hz
     if name == "place" and isinstance(effect, Learned) and axis_of(effect.coordinate) is None:
         own = f"{effect.sensor}_input" if effect.coordinate == "input" else effect.coordinate
         low, high = ranges_of(whitened.observations, SpectralLines()).ranges[own]
         return STEP[name] / (2 * np.pi) * (high - low)
+    if name == "early":
+        return STEP[name] / effect.values["frequency"]
     if line and name == "frequency":
         return LINE / duration
     if line and name == "period":

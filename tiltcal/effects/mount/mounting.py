@@ -9,7 +9,7 @@ from tiltcal.effects.base import FrameEffect
 from tiltcal.effects.hysteresis_and_lag import onset
 from tiltcal.effects.mechanisms import Context, Mechanism, Ring, Spring, Turn
 from tiltcal.effects.parameter import Parameter
-from tiltcal.effects.table.drive import ringing
+from tiltcal.effects.table.drive import EARLY, ringing
 from tiltcal.effects.traits import Family
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Jet, sampled_jet
@@ -151,6 +151,7 @@ class MountResonance(FrameEffect):
         Parameter("ring_y", "arcsec", (1, 10, 100)),
         Parameter("frequency", "hz", (100, 40, 20), positive=True, default=40.0),
         Parameter("tau", "s", (0.1, 0.3, 1), positive=True, default=0.3),
+        EARLY,
     )
     physics = "The bracket rings at its own frequency when a move stops."
     equation = "R_mount gains rotations (x, y) exp(-t/tau) cos(2 pi f t) after each move"
@@ -162,10 +163,12 @@ class MountResonance(FrameEffect):
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount":
             return ()
-        wave = ringing(context.drive, 1.0, self.value("frequency"), self.value("tau"))
+        wave = ringing(context.drive, 1.0, *map(self.value, ("frequency", "tau", "early")))
         return tuple(Turn(a, wave.scaled(self.value(f"ring_{a}"))) for a in "xy")
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        if self.value("early"):
+            return ()  # a bracket is let go when the move ends
         sizes = {a: self.value(f"ring_{a}") for a in "xy"}
         return tuple(
             Ring("mount", a, size, self.value("frequency"), self.value("tau"))

@@ -24,6 +24,7 @@ FAMILIES = (
     "table.readout",
     "table.geometry",
     "table.drive",
+    "table.ringing",
     "table.load",
     "mount.mounting",
     "mount.lever",

@@ -9,7 +9,7 @@ from tiltcal.effects.base import FrameEffect
 from tiltcal.effects.hysteresis_and_lag import onset
 from tiltcal.effects.mechanisms import Context, Mechanism, Ring, Spring, Turn
 from tiltcal.effects.parameter import Parameter
-from tiltcal.effects.table.drive import EARLY, ringing
+from tiltcal.effects.table.ringing import EARLY, ringing
 from tiltcal.effects.traits import Family
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Jet, sampled_jet

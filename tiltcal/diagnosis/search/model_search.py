@@ -111,6 +111,7 @@ def settled(state: State, gate: NoiseGate, visited: list[Visit] | None = None) -
         visited: models that a search went on from; they are added to.
     """
     best, visited = state if state.fitted.terms else None, [] if visited is None else visited
+    earlier = list(visited)
     for _ in range(ROUNDS):
         before = _names(state)
         state = improved(state)
@@ -119,14 +120,17 @@ def settled(state: State, gate: NoiseGate, visited: list[Visit] | None = None) -
         state = repriced(state, gate.left_by(state.fitted, state.whitened))
         if best is None or state.cost < best.cost:
             best = state
-        names = _names(state)
-        known = any(
-            n == names and (c == state.cost or abs(c - state.cost) < SETTLED) for n, c in visited
-        )
-        visited.append((names, state.cost))
-        if known or names == before:
+        visited.append((_names(state), state.cost))
+        if _is_among(state, visited[:-1]) or _names(state) == before:
             break
-    return _dropped(best or repriced(state, gate.left_by(state.fitted, state.whitened)), gate)
+    best = best or repriced(state, gate.left_by(state.fitted, state.whitened))
+    return best if _is_among(best, earlier) else _dropped(best, gate)
+
+
+def _is_among(state: State, visited: Sequence[Visit]) -> bool:
+    """Whether a search has come to this model before."""
+    names, cost = _names(state), state.cost
+    return any(n == names and (c == cost or abs(c - cost) < SETTLED) for n, c in visited)
 
 
 def _dropped(state: State, gate: NoiseGate) -> State:

@@ -11,7 +11,7 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED
 from tiltcal.diagnosis.search.narrow_bands import _likeliest, log_excess
 from tiltcal.diagnosis.search.oscillations import EXCESS
-from tiltcal.statistics.cosine_transform import cosines, inverse_cosines
+from tiltcal.statistics.cosine_transform import cosines
 
 WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample, m/s2
 CLAIMED, TOLD = (np.log(p / (1 - p) / 0.125 * 3) for p in (CLAIM, DOUBTED))
@@ -33,12 +33,9 @@ def test_the_bayes_factor_is_the_ratio_of_f_densities():
     np.testing.assert_allclose(np.exp(log_excess(times, width)), expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "kind", ["white", "bursts", "heavy tails", "louder while moving", "pink from 0.5 Hz on"]
-)
+@pytest.mark.parametrize("kind", ["white", "bursts", "heavy tails", "louder while moving"])
 def test_noise_of_any_kind_holds_no_band(kind, rng):
-    """None is claimed; the steep edge of coloured noise may be doubted once in sixty times."""
-    factors = []
+    highest = -np.inf
     for _ in range(60):
         noise = rng.standard_normal(6000)
         if kind == "bursts":
@@ -46,14 +43,22 @@ def test_noise_of_any_kind_holds_no_band(kind, rng):
                 noise[first : first + 200] *= 6
         elif kind == "heavy tails":
             noise = rng.standard_t(2.5, 6000) / 2
-        elif kind == "pink from 0.5 Hz on":
-            low = 2 * 6000 * 0.5 / 20.0
-            waves = rng.standard_normal(6000) / np.sqrt(np.arange(1, 6001) / low)
-            waves[: int(low)] = 0.0
-            noise = 0.8 * noise + 0.6 * inverse_cosines(waves) * np.sqrt(6000 / (waves @ waves))
         elif kind == "louder while moving":
             noise *= np.where(np.arange(6000) % 400 < 60, 2.5, 1.0)
-        factors.append(_likeliest(cosines(noise), np.ones(6000))[3])
+        highest = max(highest, _likeliest(cosines(noise), np.ones(6000))[3])
+    assert highest < TOLD
+
+
+def test_no_band_is_claimed_at_the_edge_of_coloured_noise(rng):
+    """Pink from 0.5 Hz on and nothing of it below, 36 % of the variance at 20 Hz: of sixty, one at
+    most is so much as doubted.
+    """
+    low, factors = int(2 * 6000 * 0.5 / 20.0), []
+    for _ in range(60):
+        pink = rng.standard_normal(6000) / np.sqrt(np.arange(1, 6001))
+        pink[:low] = 0.0
+        waves = 0.8 * rng.standard_normal(6000) + 0.6 * pink * np.sqrt(6000 / (pink @ pink))
+        factors.append(_likeliest(waves, np.ones(6000))[3])
     assert max(factors) < CLAIMED
     assert sum(factor > TOLD for factor in factors) <= 1
 

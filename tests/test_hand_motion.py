@@ -34,9 +34,9 @@ def scenario(*effects):
     )
 
 
-def turned(seed, scale=0.0, clip=np.inf, late=0.0, seconds=60.0, louder=1.0):
+def turned(seed, scale=0.0, clip=np.inf, late=0.0, seconds=60.0, growth=1.0):
     """Turns of random bumps between rests, written without the product: the recording, and the two
-    courses without noise, (n, 3) and (n,); noise so many times as loud in motion.
+    courses without noise, (n, 3) and (n,); noise that grows so many times in motion.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(int(50 * seconds)) / 50
@@ -51,7 +51,7 @@ def turned(seed, scale=0.0, clip=np.inf, late=0.0, seconds=60.0, louder=1.0):
 
     gyro = np.clip(rate(t), -clip, clip)
     fog = (1 + scale) * rate(t - late) @ AXIS
-    times = np.where(np.abs(rate(t)).sum(axis=1) > 0, louder, 1.0)
+    times = np.where(np.abs(rate(t)).sum(axis=1) > 0, growth, 1.0)
     read = rate(t) + GYRO * times[:, None] * rng.standard_normal(gyro.shape)
     columns = {f"gyro_{a}_rad_s": np.clip(read[:, i], -clip, clip) for i, a in enumerate("xyz")}
     columns["fog_a_rad_s"] = fog + FOG * times * rng.standard_normal(len(t))
@@ -115,17 +115,17 @@ def test_a_fog_that_contradicts_the_triad_says_nothing_of_the_motion():
     assert off(found["gyro"], gyro, GYRO) < 0.4
 
 
-def test_noise_that_is_louder_in_motion_does_not_keep_the_fog_out():
-    """Three times as loud: the FOG and the triad differ by no more than that."""
-    recording, _, fog = turned(1, louder=3.0)
+def test_noise_that_grows_in_motion_does_not_keep_the_fog_out():
+    """Three times as much: the FOG and the triad differ by no more than that."""
+    recording, _, fog = turned(1, growth=3.0)
     hand = motion(recording)
-    assert 2.5 < hand._louder(hand.fogs[0]) < 3.5
+    assert 2.5 < hand._growth(hand.fogs[0]) < 3.5
     assert hand._agrees(hand.fogs[0], list(hand._gyro_readings()))
     found = smoothed_readings(scenario(), recording, ())["fog"][:, 0]
     assert off(found, fog, FOG) < 0.4 * 3.0
     quiet = motion(turned(1)[0])
-    assert quiet._louder(quiet.fogs[0]) < 1.15
-    scaled = motion(turned(1, louder=3.0, scale=0.02)[0])  # far beyond the noise, loud or not
+    assert quiet._growth(quiet.fogs[0]) < 1.15
+    scaled = motion(turned(1, growth=3.0, scale=0.02)[0])  # far beyond the noise, grown or not
     assert not scaled._agrees(scaled.fogs[0], list(scaled._gyro_readings()))
 
 

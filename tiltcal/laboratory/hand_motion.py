@@ -108,10 +108,10 @@ class HandMotion:
         """The body's rate, rad/s."""
         gyro, found = list(self._gyro_readings()), None
         agreeing = [fog for fog in self.fogs if self._agrees(fog, gyro)]
-        louder = max((self._louder(fog) for fog in agreeing), default=1.0)
+        growth = max((self._growth(fog) for fog in agreeing), default=1.0)
         for _ in range(PASSES):
             fogs = [self._fog_readings(fog, found) for fog in agreeing]
-            readings = [self._in_motion(r, louder) for r in (*gyro, *fogs)]
+            readings = [self._in_motion(r, growth) for r in (*gyro, *fogs)]
             kept = [_without_outliers(r, found) for r in readings]
             found = most_probable_course(self._basis, kept)
         assert found is not None
@@ -207,12 +207,12 @@ class HandMotion:
             variance += share**2 / best
         variance += 1 / readings.weight.max(initial=ARITHMETIC)
         moving = stops_of(self.motion)[self.motion.sensor(fog).rows] < 0
-        variance[moving] *= self._louder(fog) ** 2
+        variance[moving] *= self._growth(fog) ** 2
         classes = (told & moving, told & ~moving)
         ratios = [float(np.median(off[c] ** 2 / variance[c])) for c in classes if c.any()]
         return bool(ratios) and max(ratios) < AGREEING**2 * CHI2_MEDIAN
 
-    def _louder(self, fog: Sensor) -> float:
+    def _growth(self, fog: Sensor) -> float:
         """How many times its size at rest the noise has in motion, at least one: by the fourth
         differences of what a FOG and the triad differ by, in which the motion cancels.
         """
@@ -227,11 +227,11 @@ class HandMotion:
         turning, rest = (float(np.median(some)) for some in every)
         return float(np.sqrt(max(turning / max(rest, ARITHMETIC**2), 1.0)))
 
-    def _in_motion(self, readings: LinearReadings, louder: float) -> LinearReadings:
-        """Readings whose noise is so many times as loud in motion."""
+    def _in_motion(self, readings: LinearReadings, growth: float) -> LinearReadings:
+        """Readings whose noise in motion is so many times that at rest."""
         stop = stops_of(self.motion)
         rows = np.clip(np.searchsorted(self.motion.time, readings.time), 0, len(stop) - 1)
-        times = np.where(stop[rows] < 0, louder, 1.0)
+        times = np.where(stop[rows] < 0, growth, 1.0)
         return replace(readings, weight=readings.weight / times**2)
 
     def _noise(self, sensor: Sensor, channel: int) -> float:

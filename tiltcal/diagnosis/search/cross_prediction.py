@@ -47,8 +47,9 @@ class Place:
     parts: tuple[Columns, ...]
 
 
-class Grid:
-    """The channels of one recording at all of its stamps.
+class CrossPrediction:
+    """The channels of one recording at all of its stamps, and at so many more, at which none was
+    read, that its octaves are whole.
 
     Args:
         channels: each with its residual in time, in units of the noise, and the root of the
@@ -58,7 +59,9 @@ class Grid:
     def __init__(self, channels: Mapping[int, tuple[Channel, Array, Array]]) -> None:
         self._channels = {k: channel for k, (channel, *_) in channels.items()}
         stamps = np.unique(np.concatenate([c.time for c in self._channels.values()]))
-        self.count = len(stamps)
+        halvings = max(int(np.log2(len(stamps) / FEWEST)), 0)
+        self.count = -(-len(stamps) // 2**halvings) * 2**halvings
+        self.octaves = _octaves(self.count, halvings)
         self._step = float(np.median(np.diff(stamps)))
         self._at = {k: np.searchsorted(stamps, c.time) for k, c in self._channels.items()}
         self._white = {k: float(root.min()) for k, (*_, root) in channels.items()}
@@ -69,16 +72,6 @@ class Grid:
             k: self._placed(k, inverse_cosines(waves * self._colour[k]))
             for k, waves in self._waves.items()
         }
-
-    @property
-    def octaves(self) -> list[tuple[int, int]]:
-        """First cosine coefficient of each octave and of the next one, the fastest octave first;
-        last what is slower than these, down to one cycle in two recordings.
-        """
-        ends = [self.count]
-        while ends[-1] // 2 > FEWEST:
-            ends.append(ends[-1] // 2)
-        return [(low, high) for high, low in pairwise([*ends, 1])]
 
     def frequency(self, coefficient: int) -> float:
         """Hz."""
@@ -167,13 +160,17 @@ class Grid:
         return inverse_cosines(waves)
 
 
+def _octaves(count: int, halvings: int) -> list[tuple[int, int]]:
+    """First cosine coefficient of each octave and of the next one, the fastest octave first; last
+    what is slower than these, down to one cycle in two recordings.
+    """
+    ends = [count // 2**k for k in range(halvings + 1)]
+    return [(low, high) for high, low in pairwise([*ends, 1])]
+
+
 def _means(column: Array, rows: int) -> Array:
-    """Means of columns over so many rows, those at the end over fewer, (..., n) -> (..., m)."""
-    if rows == 1:
-        return column
-    starts = np.arange(0, column.shape[-1], rows)
-    sums = np.add.reduceat(column, starts, axis=-1)
-    return np.asarray(sums / np.diff(starts, append=column.shape[-1]))
+    """Means of columns over so many rows, (..., n) -> (..., n / rows)."""
+    return np.asarray(column.reshape(*column.shape[:-1], -1, rows).mean(axis=-1))
 
 
 def _factor_of(wave: Array, left: Array) -> float:

@@ -1,7 +1,7 @@
 """Bands of frequency that hold more power than the noise on either side: an oscillation that keeps
 no phase, such as a servo that hunts now and then.
 
-The power of a band beside that of its louder neighbour is F distributed in white noise of any
+The power of a band beside that of its stronger neighbour is F distributed in white noise of any
 level, or less; where something is in it, it is so much larger (excess power: Anderson et al., Phys.
 Rev. D 63, 042003, 2001). The residual is taken behind a limiter and in units of the noise about
 each row, so that gross values and bursts of noise, which correlate neighbouring powers, hold no
@@ -100,7 +100,7 @@ def log_excess(times: Array, width: int) -> Array:
     """Logarithm of the Bayes factor of bands in which something is, (n,).
 
     Args:
-        times: power of each by that of its louder neighbour, (n,).
+        times: power of each by that of its stronger neighbour, (n,).
         width: coefficients of a band, and of each neighbour.
     """
     whole = 1 + EXCESS[:, None]

@@ -14,7 +14,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
 from tiltcal.diagnosis.hypotheses.curves import tilt_law
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.cross_prediction import Grid, Place
+from tiltcal.diagnosis.search.cross_prediction import CrossPrediction, Place
 from tiltcal.diagnosis.search.limited_residual import limited
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED as NO_NAME
 from tiltcal.diagnosis.search.oscillations import searched
@@ -86,17 +86,17 @@ def random_motions(
     """
     observations = whitened.observations
     channels = {k: c for k, c in searched(whitened, floors) if c.rate_hz}
-    grids = []
+    recordings = []
     for number in range(len(observations.recordings)):
         own = {
             k: (channel, limited(residual[k]), whitened.roots[k])
             for k, channel in channels.items()
             if channel.recording == number
         }
-        grids += [Grid(own)] if len(own) > 1 else []
-    if not grids:
+        recordings += [CrossPrediction(own)] if len(own) > 1 else []
+    if not recordings:
         return ()
-    every = [(place, _octaves(place, grids)) for place in _places(observations, effects)]
+    every = [(place, _octaves(place, recordings)) for place in _places(observations, effects)]
     factors = np.array([_factor(octaves) for _, octaves in every])
     odds = float(logsumexp(factors) - np.log(len(every)) + np.log(PRIOR))
     if (chance := float(expit(odds))) < least:
@@ -152,10 +152,10 @@ def _places(observations: Observations, effects: Sequence[Effect]) -> Iterator[P
         yield Place(f"{axis} axis", "table", (observations.changes(readout, effects),))
 
 
-def _octaves(place: Place, grids: Sequence[Grid]) -> list[Octave]:
+def _octaves(place: Place, recordings: Sequence[CrossPrediction]) -> list[Octave]:
     """What each octave says of a place, in all recordings together."""
-    longest = max(grids, key=lambda grid: grid.count)
-    every = zip_longest(*(grid.evidence(place) for grid in grids), fillvalue=0.0)
+    longest = max(recordings, key=lambda one: one.count)
+    every = zip_longest(*(one.evidence(place) for one in recordings), fillvalue=0.0)
     return [
         Octave(longest.frequency(low), longest.frequency(high), float(sum(each)))
         for (low, high), each in zip(longest.octaves, every, strict=True)

@@ -154,7 +154,10 @@ class MountResonance(FrameEffect):
         EARLY,
     )
     physics = "The bracket rings at its own frequency when a move stops."
-    equation = "R_mount gains rotations (x, y) exp(-t/tau) cos(2 pi f t) after each move"
+    equation = (
+        "R_mount gains rotations (x, y) exp(-s/tau) cos(2 pi f s), s = early + time since the end"
+        " of the move"
+    )
     source = "PHYSICS 3.3"
     excited_by = "the first samples after each move"
     look = "a decaying tone in body axes, whichever table axis moved"

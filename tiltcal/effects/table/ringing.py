@@ -31,7 +31,7 @@ class SettlingTransient(AngleEffect):
         EARLY,
     )
     physics = "The structure rings when a move stops, let go before the readout is at rest."
-    equation = "A exp(-t/tau) cos(2 pi f t) after each move, t from so long before its end"
+    equation = "A exp(-s/tau) cos(2 pi f s), s = early + time since the end of the move"
     source = "effects list; PHYSICS 3.2"
     excited_by = "the first samples after each move"
     look = "a decaying tone at the start of each dwell"
@@ -59,11 +59,9 @@ class SettlingTransient(AngleEffect):
         return (Ring(axis, dict(rig.axes)[axis], size, frequency, tau),)
 
 
-def ringing(
-    drive: Drive, amplitude: float, frequency: float, tau: float, early: float = 0.0
-) -> Jet:
+def ringing(drive: Drive, amplitude: float, frequency: float, tau: float, early: float) -> Jet:
     """A decaying cosine from the end of each move on; nothing before the first, (n,). amplitude:
-    rad; frequency: Hz; tau: s; early: s, how long ago it began then.
+    rad; frequency: Hz; tau: s; early: s, by which it began before the end.
     """
     rests = Rests.told(drive.rests, drive.time, drive.stop)
     t, rings = rests.since(drive.time), rests.holds(drive.time) & (np.cumsum(drive.stop < 0) > 0)

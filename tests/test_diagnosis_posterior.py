@@ -4,12 +4,14 @@ to quadrature and to dense linear algebra.
 
 from copy import copy
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded, tumble
 from scipy.integrate import quad
 from scipy.special import logsumexp
+from scipy.stats import norm
 
 from tiltcal.core.units import G0
 from tiltcal.diagnosis.data_quality.prepare import prepare
@@ -20,7 +22,8 @@ from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.noise_prior import noise_price
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, log_bayes_factor, perhaps
+from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, any_of, log_bayes_factor
+from tiltcal.diagnosis.search.column_selection import ColumnSelection
 from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explanation import explain, explanation_of
 from tiltcal.diagnosis.search.local_level import local_level
@@ -87,11 +90,17 @@ def test_each_direction_has_its_own_bayes_factor():
     np.testing.assert_allclose(together, alone)
 
 
-def test_what_is_perhaps_in_use_costs_little_and_may_bring_all():
-    factors = np.array([-np.inf, -1.0, 0.0, 2.0, 800.0])
-    expected = np.log((1 + np.exp(factors[:4])) / 2)
-    np.testing.assert_allclose(perhaps(factors[:4]), expected, atol=1e-12)
-    np.testing.assert_allclose(perhaps(factors[4:]), 800.0 - np.log(2))
+@pytest.mark.parametrize("factors", [[-3.0], [2.0], [0.0, 0.0], [-1.0, 0.0, 2.0], [-40.0, -50.0]])
+def test_every_set_of_at_least_one_direction_is_as_probable_as_another(factors):
+    every = (s for n in range(1, len(factors) + 1) for s in combinations(factors, n))
+    sums = [sum(s) for s in every]
+    expected = logsumexp(sums) - np.log(len(sums))
+    np.testing.assert_allclose(any_of(np.array([factors])), [expected], rtol=1e-9, atol=1e-9)
+
+
+def test_a_single_direction_says_what_its_bayes_factor_says():
+    factors = np.array([[-30.0], [-1.0], [0.0], [2.0], [800.0]])
+    np.testing.assert_allclose(any_of(factors), factors[:, 0], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("gain", [1.0, 100.0, 3000.0, 1e6])
@@ -101,7 +110,7 @@ def test_a_name_may_be_a_share_of_a_law_that_no_list_has(gain):
 
     def hidden(share):
         rest = np.sqrt(gain * share / (1 - share))
-        return np.exp(-(max(rest - limit, 0.0) ** 2) / 2)
+        return norm.cdf(limit - rest)
 
     edge, far = (e / (gain + e) for e in (limit**2, (limit + 9) ** 2))
     unseen = sum(quad(hidden, *ends, limit=200)[0] for ends in ((0, edge), (edge, far)))
@@ -228,7 +237,9 @@ def dense_factor(found, hypothesis):
     gain = (left.T @ np.concatenate(start.residual))[there] ** 2
     info = (root**2 * (turn**2 @ raw**2))[there]
     ratio = SIZES[:, None] * info if hypothesis.has_plausible_size else ENERGIES[:, None] + 0 * info
-    return float(perhaps(log_bayes_factor(gain, ratio)).sum())
+    factors = np.zeros((1, len(hypothesis.names)))  # what the calibration takes up says nothing
+    factors[0, : len(gain)] = log_bayes_factor(gain, ratio)
+    return float(any_of(factors)[0])
 
 
 def test_the_scan_is_what_dense_algebra_says(square):
@@ -288,9 +299,43 @@ def test_an_explanation_is_worth_the_same_when_it_is_weighed_again(square):
         again = explanation_of(told.terms, told.tried, start, whitened)
         assert again.evidence == pytest.approx(told.evidence, abs=0.01), told.hypothesis
         assert again.gain == pytest.approx(told.gain, abs=0.01)
-        assert told.coarsely(1.0) == pytest.approx(told.evidence, abs=0.01)
         completed += len(told.terms) > 1
     assert completed > 3
+
+
+def test_what_no_longer_explains_anything_of_a_cause_costs_its_price(square):
+    """The chance of one in 1 + tried that it is in use, and half the logarithm of how much wider
+    its prior is than it is known.
+    """
+    start, whitened = square.start, square.whitened
+    columns, checked = whitened.columns, 0
+    for k in np.argsort(-Scan(whitened).log_bayes_factors(start))[:20]:
+        told = explain(int(k), start, whitened)
+        idle = [whitened.hypotheses[m] for m in columns.family(int(k))][-1:]
+        if told is None or not idle or idle[0] in [t.hypothesis for t in told.terms]:
+            continue
+        further = FittedTerm(idle[0], idle[0].names[-1:], (0.0,), told.hypothesis)
+        again = explanation_of([*told.terms, further], told.tried, start, whitened)
+        lost = told.evidence - again.evidence
+        assert lost > np.log(1 + told.tried) - again.numbers[-1].gain / 2
+        assert again.coarsely(1.0) == pytest.approx(told.coarsely(1.0), abs=0.01)
+        checked += 1
+    assert checked > 3
+
+
+def test_a_size_that_the_recording_cannot_see_says_nothing():
+    """The mean over the sets of at least one of three sizes, one of which calibration takes up."""
+    info, target = np.array([400.0, 300.0, 0.0]), np.array([200.0, 1.0, 0.0])
+    raw = np.array([400.0, 300.0, 200.0])
+    selection = ColumnSelection(
+        np.diag(info), target, raw, np.ones(3, bool), np.zeros((1, 3)), True
+    )
+    selection.add_sizes()
+    factors = log_bayes_factor(target[:2] ** 2 / info[:2], SIZES[:, None] * info[:2])
+    sets = (s for n in (1, 2, 3) for s in combinations((*factors, 0.0), n))
+    sums = [sum(s) for s in sets]
+    found = selection.choice + sum(n.evidence for n in selection.numbers)
+    assert found == pytest.approx(logsumexp(sums) - np.log(7), abs=1e-6)
 
 
 @pytest.mark.parametrize("coarse", [1.0, 3.0, 20.0])

@@ -90,7 +90,7 @@ def _finding(
             recording=place_of(effect, observations.recordings),
         ),
         parts=parts_of(fitted, places, law, observations),
-        p_value=float(np.exp(log_p)),
+        p_value=float(np.exp(min(log_p, 0.0))),
         delta_bic=price_of(whitened) * sizes - removed.gain,
         heldout_gain=heldout_gain(fitted, whitened, places),
         rivals=names.rivals,
@@ -192,11 +192,13 @@ def undetectable_of(fitted: FittedModel, whitened: WhitenedModel) -> tuple[Undet
                 sizes[f"{name}{p.suffix}"] = float(
                     np.sqrt(POWER / score.B[i, i]) * hypothesis.size(name) / p.factor
                 )
-        old = found.get(hypothesis.id)
-        if old is None or (not old.size and sizes):
-            found[hypothesis.id] = Undetectable(
-                hypothesis.id, sizes, float(np.clip(score.absorbed, 0, 1))
-            )
+        absorbed = float(np.clip(score.absorbed, 0, 1))
+        if old := found.get(hypothesis.id):  # on another axis, or at another shape
+            sizes = {
+                n: min(s[n] for s in (old.size, sizes) if n in s) for n in {**old.size, **sizes}
+            }
+            absorbed = min(old.absorbed, absorbed)
+        found[hypothesis.id] = Undetectable(hypothesis.id, sizes, absorbed)
     return tuple(found.values())
 
 

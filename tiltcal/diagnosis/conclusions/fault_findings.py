@@ -2,7 +2,6 @@
 
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
 from tiltcal.diagnosis.conclusions.parts import part_of
-from tiltcal.diagnosis.data.channels import CHANCE
 from tiltcal.diagnosis.data_quality.fault import Fault
 
 
@@ -23,7 +22,7 @@ def finding_of(fault: Fault) -> Finding:
         where=Where("sample", None, fault.interval),
         parameters=parameters,
         parts=(part_of(fault),),
-        p_value=CHANCE,
+        p_value=fault.p_value,
         delta_bic=0.0,
         heldout_gain=0.0,
         rivals=(),

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from tiltcal.diagnosis.data.channels import CHANCE
 from tiltcal.effects.base import Effect
 
 
@@ -16,6 +17,7 @@ class Fault:
         names: ids that could be meant as well, itself first.
         words: what was seen.
         sigma: standard uncertainty of the sizes, by name, SI.
+        p_value: of the test that found it, at most.
     """
 
     effect: Effect
@@ -25,6 +27,7 @@ class Fault:
     interval: tuple[float, float | None] | None = None
     names: tuple[str, ...] = ()
     sigma: dict[str, float] = field(default_factory=dict)
+    p_value: float = CHANCE
 
     @property
     def ids(self) -> set[str]:

@@ -70,7 +70,7 @@ def find_setting_error(
     if noise is None:
         return None
     limit = float(np.log(ALPHA) - np.log(max(total, 1)))
-    axis, stops = _least_probable(fitted, whitened, noise, limit)
+    axis, stops, chance = _least_probable(fitted, whitened, noise, limit)
     if not stops:
         return None
     within = whitened.under(models(noise))
@@ -91,22 +91,23 @@ def find_setting_error(
         f"The {axis} axis stops at random about its setting, {np.degrees(sigma) * 3600:.3g} arcsec"
         " rms: each stop has its own rotation."
     )
-    error = sigma / np.sqrt(2 * len(values))
-    fault = Fault(effect, names, axes, words, sigma={"sigma": error})
+    error = float(np.sqrt(2 * np.sum((spread + variances) ** 2))) / (2 * len(values) * sigma)
+    p_value = float(np.exp(chance)) * max(total, 1)
+    fault = Fault(effect, names, axes, words, sigma={"sigma": error}, p_value=p_value)
     return SettingError(fault, stops, values, variances)
 
 
 def _least_probable(
     fitted: FittedModel, whitened: WhitenedModel, noise: Sequence[NoiseFit], limit: float
-) -> tuple[str, list[Stop]]:
-    """The axis whose stops would agree with the least probability, and these; none above the
-    limit.
+) -> tuple[str, list[Stop], float]:
+    """The axis whose stops would agree with the least probability, these, and its logarithm; none
+    above the limit.
     """
-    found, least = ("", list[Stop]()), limit
+    found = "", list[Stop](), limit
     for axis, stops in stops_by_axis(whitened.observations, fitted):
         chance = _chance(stops, fitted, whitened, noise, limit)
-        if chance < least or (chance == least and not found[1]):
-            found, least = (axis, stops), chance
+        if chance < found[2] or (chance == found[2] and not found[1]):
+            found = axis, stops, chance
     return found
 
 

@@ -148,6 +148,3 @@ def _misfit(
         if c.recording == number and there.any():
             total += float((np.median(c.values[there]) - predicted[c.sensor][0, c.column]) ** 2)
     return total
-
-
-SPOILS = 0.3  # of the noise: a sample that a random stamp moves by more is left out

@@ -23,20 +23,21 @@ from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.channels import changed
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.stop_errors import SPOILS
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.timing.delays import DataJitter, DataLatency
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.dwell_noise import ARITHMETIC, robust_white
 
 UNIT = 1e-3  # s, of the delay whose changes are taken
+FALSE_ALARMS = 1e-3
 # sigma. A sum of symmetric terms over the root of their squares exceeds x by a chance of exp(-x2/2)
-# at most (Hoeffding 1963): 0.1 % for both scopes together
-CERTAIN = float(np.sqrt(2 * np.log(2 / 1e-3)))
+# at most (Hoeffding 1963): as many for both scopes together
+CERTAIN = float(np.sqrt(2 * np.log(2 / FALSE_ALARMS)))
 FAR = 4.0  # sigma: what is farther out in a channel counts as that
 WILD = 20.0  # times the noise of a channel: a gross value
 SMOOTH = 0.3  # share of the excess that neighbouring rows may have in common
 FEWEST = 32  # pairs of rows
+SPOILS = 0.3  # of the noise: a sample that a random stamp moves by more is left out
 
 
 def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault | None:
@@ -170,7 +171,7 @@ def _jitter(size: float, sigma: float, energy: Mapping[tuple[str, str], float]) 
         " their rates say."
     )
     sensors, axes = (tuple(dict.fromkeys(column)) for column in zip(*strong, strict=True))
-    return Fault(effect, sensors, axes, words, sigma={"jitter": sigma})
+    return Fault(effect, sensors, axes, words, sigma={"jitter": sigma}, p_value=FALSE_ALARMS)
 
 
 def _quiet_noise(residual: Array, stop: Index) -> float:

@@ -1,4 +1,4 @@
-"""Prediction of data that was not fitted: blocks of stops, with the moves before them, are left out
+"""Prediction of data that was not fitted: blocks of stops, with the moves after them, are left out
 in turn.
 """
 
@@ -134,7 +134,7 @@ def _solve(G: Array, prior: Array) -> Array:
 
 
 def _folds(stop: Index) -> Index:
-    """A fold for each row: a stop and the move before it, dealt out in turn; blocks of equal length
+    """A fold for each row: a stop and the move after it, dealt out in turn; blocks of equal length
     without stops, (n,).
     """
     starts = np.concatenate([[True], (stop[1:] >= 0) & (stop[:-1] < 0)])

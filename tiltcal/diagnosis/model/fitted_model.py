@@ -69,6 +69,7 @@ class FittedModel:
         covariance: of all values in order, nuisance first, SI.
         reached: sum of squares of the whitened residual at these values; None where they are fitted
             to first order only.
+        penalty: -2 log prior of the adjustable terms at their values.
     """
 
     known: tuple[Effect, ...]
@@ -81,6 +82,7 @@ class FittedModel:
     moved: tuple[tuple[Vector, float], ...] = ()
     covariance: Array | None = None
     reached: float | None = None
+    penalty: float = 0.0
 
     @property
     def effects(self) -> list[Effect]:

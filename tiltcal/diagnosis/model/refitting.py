@@ -60,6 +60,7 @@ def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) ->
         moved=(),
         covariance=covariance,
         reached=sum(float(r @ r) for r in residual),
+        penalty=float(prior @ (np.array([v for t in terms for v in t.values]) / units) ** 2),
     )
 
 

@@ -5,7 +5,6 @@ and the whitened residual r, A = U'(I - QQ')r and B = U'(I - QQ')U hold everythi
 deviance A'B^-1 A ~ chi2(rank, lambda), the expected values B^-1 A and the absorbed share.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,33 +42,13 @@ class ScoreTest:
         """Of its columns."""
         return self.hypothesis.names
 
-    def gain(self, keep: Sequence[int] | None = None) -> tuple[float, int]:
-        """Fall of the deviance with these columns (all), and its degrees of freedom."""
-        index = self._index(keep)
-        if len(index) == 1:
-            i = index[0]
-            there = self.B[i, i] > SURVIVES * max(self.raw[i], 1e-300)
-            return (float(self.A[i] ** 2 / self.B[i, i]), 1) if there else (0.0, 0)
-        values, vectors, size = self._directions(index)
-        return float((((vectors.T @ (self.A[index] / size)) ** 2) / values).sum()), len(values)
-
-    def estimate(self, keep: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """Expected values of these columns, SI, and their covariance. (m,) and (m, m)."""
-        index = self._index(keep)
-        values, vectors, size = self._directions(index)
-        unit = np.array([self.hypothesis.size(self.names[i]) for i in index])
-        C = (vectors / values) @ vectors.T / np.outer(size, size)
-        return unit * (C @ self.A[index]), C * np.outer(unit, unit)
-
-    def _index(self, keep: Sequence[int] | None) -> list[int]:
-        return list(range(len(self.names))) if keep is None else list(keep)
-
-    def _directions(self, index: list[int]) -> tuple[Array, Array, Array]:
-        """Eigenvalues and vectors of B that survive, its columns scaled by ``size``."""
-        size = lengths(self.raw[index])
-        values, vectors = np.linalg.eigh(self.B[np.ix_(index, index)] / np.outer(size, size))
-        keep = values > SURVIVES
-        return values[keep], vectors[:, keep], size
+    def gain(self) -> tuple[float, int]:
+        """Fall of the deviance with these columns, and its degrees of freedom."""
+        size = lengths(self.raw)
+        values, vectors = np.linalg.eigh(self.B / np.outer(size, size))
+        there = values > SURVIVES
+        gains = (vectors.T @ (self.A / size))[there] ** 2 / values[there]
+        return float(gains.sum()), int(there.sum())
 
     @property
     def absorbed(self) -> float:

@@ -3,7 +3,7 @@
 For a direction of whitened columns with information w (squared length after projection) and a prior
 of variance v, log BF = gain/2 s/(1 + s) - log(1 + s)/2 with s = v w: the fall of the deviance,
 shrunk, less the price of the number (Zellner 1986; Liang et al., J. Am. Stat. Assoc. 103, 2008, for
-the mixture over v). A direction is in use with a stated probability.
+the mixture over v).
 """
 
 import numpy as np
@@ -28,14 +28,19 @@ def log_bayes_factor(gain: Array, ratio: Array) -> Array:
     """Of directions, averaged over their prior widths.
 
     Args:
-        gain: fall of the deviance along each, (n,).
-        ratio: prior variance over that of the estimate, for each width, (k, n).
+        gain: fall of the deviance along each, (n,) or (n, m).
+        ratio: prior variance over that of the estimate, for each width first, (k, n) or (k, n, m).
     """
     by_width = 0.5 * (gain * (ratio / (1 + ratio)) - np.log1p(ratio))
     top = by_width.max(axis=0)
     return np.asarray(top + np.log(np.exp(by_width - top).mean(axis=0)))
 
 
-def perhaps(log_factor: Array) -> Array:
-    """Of directions that are in use with a chance of one half only, (n,)."""
-    return np.asarray(np.logaddexp(0.0, log_factor) - np.log(2))
+def any_of(log_factors: Array) -> Array:
+    """Of m directions together, every set of at least one of them being as probable as another,
+    (n,). log_factors: of each, (n, m).
+    """
+    m = log_factors.shape[1]
+    every = np.logaddexp(0.0, log_factors).sum(axis=1)  # with that of none, which is taken off
+    nothing = np.log(-np.expm1(-np.maximum(every, np.finfo(float).tiny)))
+    return np.asarray(every + nothing - m * np.log(2) - np.log1p(-(0.5**m)))

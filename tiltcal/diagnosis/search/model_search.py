@@ -284,8 +284,8 @@ def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:
         return kept
     fitted = rest.fitted
     found = proposals(fitted, state.whitened, scan)
-    mine = [state.fitted.terms[state.fitted.findings()[k][0]] for k in which]
-    if not found or [_use(t) for t in mine] == [_use(found[0].explanation.terms[0])]:
+    mine = [_use(state.fitted.terms[i]) for k in which for i in state.fitted.findings()[k]]
+    if not found or mine == [_use(t) for t in found[0].explanation.terms]:
         return state
     can_be = np.isfinite(state.cost)  # anything costs less than a size that cannot be
     rivals = _rivals(found, rest.cost - state.cost if can_be else 0.0)

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtr
 
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.search import priors
@@ -98,8 +98,8 @@ def imitation_odds(gain: float, columns: int) -> float:
     where nothing is found beside it; nats.
 
     Every share is as probable as another. The rest is one direction among many: up to the energy of
-    the largest noise among them it is not seen, beyond that less and less likely so (Ingster, Math.
-    Methods Statist. 6, 1997: the limit of detection of one direction among many).
+    the largest noise among them it is more likely missed than seen (Ingster, Math. Methods Statist.
+    6, 1997: the limit of detection of one direction among many).
 
     Args:
         gain: what the name explains, fall of the deviance.
@@ -107,9 +107,9 @@ def imitation_odds(gain: float, columns: int) -> float:
     """
     gain, limit = max(gain, LEAST), np.sqrt(2 * np.log(max(columns, 2)))
     signal = np.linspace(0.0, limit + FAR, STEPS)  # square root of the energy of the rest
-    seldom = np.exp(-(np.maximum(signal - limit, 0.0) ** 2) / 2)
+    missed = ndtr(limit - signal)
     share = 2 * signal * gain / (gain + signal**2) ** 2  # density of the rest's share, by signal
-    unseen = float(np.trapezoid(seldom * share, signal))
+    unseen = float(np.trapezoid(missed * share, signal))
     return float(np.log(priors.UNLISTED / (1 - priors.UNLISTED) * min(unseen, 1.0)))
 
 

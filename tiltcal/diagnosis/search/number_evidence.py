@@ -28,10 +28,18 @@ class NumberEvidence:
     price: float = 0.0
     needed: bool = False
 
+    @property
+    def evidence(self) -> float:
+        """Log Bayes factor less its price, nats."""
+        return self._less(1.0)
+
     def at(self, coarse: float) -> float:
-        """Log Bayes factor where the likelihood is raised to the power 1/coarse, nats. A number
-        that is not worth its price there is not in use.
+        """The same where the likelihood is raised to the power 1/coarse, nats. A number that is not
+        worth its price there is not in use.
         """
-        gain, ratio = np.array([self.gain]) / coarse, self.ratio[:, None] / coarse
-        worth = float(log_bayes_factor(gain, ratio)[0]) - self.price
+        worth = self._less(coarse)
         return worth if self.needed else max(worth, 0.0)
+
+    def _less(self, coarse: float) -> float:
+        gain, ratio = np.array([self.gain]) / coarse, self.ratio[:, None] / coarse
+        return float(log_bayes_factor(gain, ratio)[0]) - self.price

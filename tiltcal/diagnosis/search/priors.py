@@ -3,7 +3,7 @@ curves; shared by the shapes of each. An event of several recordings is as proba
 them as within them, and a named effect that has a textbook form in it as in all others together.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -26,15 +26,19 @@ def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:
     members: dict[tuple[object, ...], list[int]] = {}
     for k, hypothesis in enumerate(hypotheses):
         members.setdefault(kind(hypothesis), []).append(k)
-    curves = sum(key[0] is None for key in members)
-    named = max(len(members) - curves, 1)
+    curves, of_name = sum(key[0] is None for key in members), share_of_name(members)
     found = np.zeros(len(hypotheses))
     for key, which in members.items():
-        share = UNLISTED / curves if key[0] is None else (1 - UNLISTED) / named
+        share = UNLISTED / curves if key[0] is None else of_name
         parts = [_part(hypotheses[k]) for k in which]
         for k, part in zip(which, parts, strict=True):
             found[k] = np.log(share / len(set(parts)) / parts.count(part))
     return found + np.array([h.odds for h in hypotheses])
+
+
+def share_of_name(kinds: Collection[tuple[object, ...]]) -> float:
+    """Prior probability of a named effect in one place. kinds: of all hypotheses."""
+    return (1 - UNLISTED) / max(sum(key[0] is not None for key in kinds), 1)
 
 
 def _part(hypothesis: Hypothesis) -> tuple[bool, bool]:

@@ -13,12 +13,13 @@ from scipy.special import expit, logsumexp
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
 from tiltcal.diagnosis.hypotheses.curves import tilt_law
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.cross_prediction import CrossPrediction, Place
 from tiltcal.diagnosis.search.limited_residual import limited
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED as NO_NAME
 from tiltcal.diagnosis.search.oscillations import searched
-from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED
+from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED, log_priors
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import LearnedReadout, LearnedTilt
 
@@ -103,29 +104,34 @@ def random_motions(
         return ()
     place, octaves = every[int(np.argmax(factors))]
     told = [c for k, c in channels.items() if any(k in part for part in place.parts)]
-    listed = len({h.id for h in whitened.hypotheses if h.listed})
-    return (_motion(place, octaves, told, chance, UNLISTED / len(every), (1 - UNLISTED) / listed),)
+    best = max(octaves, key=lambda octave: octave.factor)
+    used = [octave for octave in octaves if octave.probability > 1 / 2] or [best]
+    names = {NO_NAME: 1.0}
+    if octaves[-1] in used and (law := tilt_law(place.name, "time")):
+        slow, random = _in_another_form(law, whitened.hypotheses), UNLISTED / len(every)
+        names = {NO_NAME: random / (random + slow), law: slow / (random + slow)}
+    return (_motion(place, used, told, chance, names),)
+
+
+def _in_another_form(name: str, hypotheses: Sequence[Hypothesis]) -> float:
+    """Prior probability of a listed law in another form than its textbook's."""
+    shares = np.exp(log_priors(hypotheses))
+    return sum(float(share) for share, h in zip(shares, hypotheses, strict=True) if h.alias == name)
 
 
 def _motion(
     place: Place,
-    octaves: Sequence[Octave],
+    used: Sequence[Octave],
     channels: Sequence[Channel],
     probability: float,
-    prior: float,
-    of_law: float,
+    names: Mapping[str, float],
 ) -> RandomMotion:
     """What is told of a place that moves.
 
     Args:
-        place: which; octaves: what each says of it; channels: that see it.
-        probability: that something moves.
-        prior: of random motion of the place; of_law: of a listed law.
+        place: which; used: octaves in which it moves; channels: that see it.
+        probability: that something moves; names: of each name.
     """
-    best = max(octaves, key=lambda octave: octave.factor)
-    used = [octave for octave in octaves if octave.probability > 1 / 2] or [best]
-    law = tilt_law(place.name, "time") if octaves[-1] in used else None
-    slow = of_law / 2 / (of_law / 2 + prior)  # half of its recordings have its textbook form
     return RandomMotion(
         tuple(dict.fromkeys(channel.sensor for channel in channels)),
         tuple(dict.fromkeys(channel.axis for channel in channels)),
@@ -134,7 +140,7 @@ def _motion(
         min(octave.low for octave in used),
         max(octave.high for octave in used),
         probability,
-        {NO_NAME: 1 - slow, law: slow} if law else {NO_NAME: 1.0},
+        names,
     )
 
 

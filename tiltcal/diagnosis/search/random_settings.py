@@ -22,7 +22,7 @@ from tiltcal.diagnosis.data_quality.setting_errors import (
 )
 from tiltcal.diagnosis.model.channel_noise import noise_within_stops
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED
+from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED, kind, share_of_name
 from tiltcal.diagnosis.search.state import State, laws, refitted, repriced, without
 from tiltcal.effects.table.readout import IndexError_
 
@@ -74,8 +74,7 @@ def cost_with_random_settings(state: State) -> tuple[float, float]:
         return np.inf, np.inf
     within = repriced(state, whitened.as_fitted(noise))
     stops = stops_by_axis(whitened.observations, fitted)
-    names = len({h.id for h in whitened.hypotheses if h.listed})
-    prior = float(np.log(SOMETHING * (1 - UNLISTED) / names))
+    prior = float(np.log(SOMETHING * share_of_name({kind(h) for h in whitened.hypotheses})))
     evidence = any_axis = -np.inf
     for _, every in stops:
         _, values, variances = rotations_of_stops(every, within.fitted, within.whitened)

@@ -65,19 +65,24 @@ def _not_looked_at(
         counts: coarse score from which a hypothesis counts, so that its sizes have to be possible.
     """
     fitted, whitened = rest.fitted, rest.whitened
-    fine, less = scan.log_bayes_factors(fitted), scan.log_bayes_factors(fitted, coarse)
+    fine = scan.log_bayes_factors(fitted)
+    levels = np.ones(len(fine))
+    for k, hypothesis in enumerate(whitened.hypotheses):
+        if hypothesis.line_hz and fine[k] > 0 and id(hypothesis) not in known:
+            levels[k] = local_level(hypothesis, (), fitted, whitened)
+    if (levels > 1).any():
+        fine = scan.log_bayes_factors(fitted, levels)
+    less = scan.log_bayes_factors(fitted, coarse * levels)
     for k, hypothesis in enumerate(whitened.hypotheses):
         if id(hypothesis) in known:
             continue
-        level, odds = 1.0, float(scan.log_odds[k])
-        if hypothesis.line_hz and fine[k] > 0:
-            level = local_level(hypothesis, (), fitted, whitened)
-        if hypothesis.listed and less[k] / level + odds > counts:
+        odds = float(scan.log_odds[k])
+        if hypothesis.listed and less[k] + odds > counts:
             told = explained_by(scan.products.normal_equations(k, fitted), fitted, whitened)
             if told is None or not possible(told.terms[0]):
                 continue
-        name, factor = hypothesis.id if hypothesis.listed else UNLISTED, float(fine[k]) / level
-        yield Row(name, factor + odds, factor, float(less[k]) / level, 0.0)
+        name = hypothesis.id if hypothesis.listed else UNLISTED
+        yield Row(name, float(fine[k]) + odds, float(fine[k]), float(less[k]), 0.0)
 
 
 def _fitted(state: State, k: int, rows: Sequence[Row], coarse: float) -> Iterator[Row]:

@@ -9,7 +9,7 @@ from tiltcal.diagnosis.model.column_products import ColumnProducts
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.score_test import SURVIVES, lengths
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, log_bayes_factor, perhaps
+from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, any_of, log_bayes_factor
 from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
 
 
@@ -40,11 +40,12 @@ class Scan:
         counts = np.array([len(h.names) for h in whitened.hypotheses], int)
         self._alike = [np.flatnonzero(counts == m) for m in np.unique(counts)]
 
-    def log_bayes_factors(self, fitted: FittedModel, coarse: float = 1.0) -> Array:
+    def log_bayes_factors(self, fitted: FittedModel, coarse: Array | float = 1.0) -> Array:
         """Of each hypothesis at every size in what a model leaves, against nothing, where the
-        likelihood is raised to the power 1/coarse, (hypotheses,).
+        likelihood is raised to the power 1/coarse, (hypotheses,). coarse: of all, or of each,
+        (hypotheses,).
         """
-        whitened = self._whitened
+        whitened, power = self._whitened, np.broadcast_to(coarse, len(self._whitened.hypotheses))
         along = self.products.along(fitted)
         found = np.zeros(len(whitened.hypotheses))
         for which, rows, gram, raw in self._groups:
@@ -55,7 +56,8 @@ class Scan:
             there = share > SURVIVES
             gain = np.where(there, a * a / np.where(there, share, 1.0), 0.0)
             sized = share * np.einsum("gij,gi->gj", turn**2, np.where(raw < np.inf, raw, 0.0) ** 2)
-            found[which] = self._summed(which, gain, np.where(there, sized, 0.0), there, coarse)
+            less = power[which][:, None]
+            found[which] = self._summed(which, gain / less, sized / less, there, less)
         return found
 
     @cached_property
@@ -72,16 +74,18 @@ class Scan:
             groups.append((which, starts[which][:, None] + np.arange(m), gram, raw))
         return groups
 
-    def _summed(self, which: Index, gain: Array, sized: Array, there: Mask, coarse: float) -> Array:
-        """Over the directions of each hypothesis, (g,). gain, sized, there: (g, m)."""
+    def _summed(self, which: Index, gain: Array, sized: Array, there: Mask, coarse: Array) -> Array:
+        """Over every set of at least one direction of each hypothesis, each as probable as another,
+        (g,); one that the calibration takes up says nothing. gain, sized, there: (g, m).
+
+        coarse: of each hypothesis, (g, 1).
+        """
         unsized = self._unsized[which]
         factors = np.zeros(gain.shape)
         if unsized.any():
-            part = gain[unsized] / coarse
-            ratio = np.broadcast_to(ENERGIES[:, None] / coarse, (len(ENERGIES), part.size))
-            factors[unsized] = perhaps(log_bayes_factor(part.ravel(), ratio)).reshape(part.shape)
+            ratio = ENERGIES[:, None, None] / np.broadcast_to(coarse, gain.shape)[unsized]
+            factors[unsized] = log_bayes_factor(gain[unsized], ratio)
         if not unsized.all():
-            part = gain[~unsized] / coarse
-            ratio = SIZES[:, None] / coarse * sized[~unsized].ravel()
-            factors[~unsized] = perhaps(log_bayes_factor(part.ravel(), ratio)).reshape(part.shape)
-        return np.asarray(np.where(there, factors, 0.0).sum(axis=1))
+            ratio = SIZES[:, None, None] * np.where(there, sized, 0.0)[~unsized]
+            factors[~unsized] = log_bayes_factor(gain[~unsized], ratio)
+        return any_of(np.where(there, factors, 0.0))

@@ -45,7 +45,8 @@ class State:
         if not all(possible(term) for term in self.fitted.terms):
             return np.inf
         noise = sum(float(np.log(root).sum()) for root in self.whitened.roots)
-        return self.fitted.deviance / 2 + noise + noise_price(self.whitened) + sum(self.prices)
+        fit = self.fitted.deviance + self.fitted.penalty
+        return fit / 2 + noise + noise_price(self.whitened) + sum(self.prices)
 
     def over(self, columns: HypothesisColumns) -> "State":
         """The same model among other hypotheses."""
@@ -120,10 +121,7 @@ def _with_part(state: State, k: int, proposal: Proposal) -> State:
     law, end = laws(fitted)[k], fitted.findings()[k][-1] + 1
     parts = tuple(replace(t, host=law) for t in new.terms)
     terms = (*fitted.terms[:end], *parts, *fitted.terms[end:])
-    prices = list(state.prices)
-    prices[k] += new.price - proposal.prior
-    trial = refit_linearly(fitted, terms, state.whitened)
-    return replace(state, fitted=trial, prices=tuple(prices))
+    return _priced(replace(state, fitted=refit_linearly(fitted, terms, state.whitened)))
 
 
 def with_cause(state: State, k: int, proposal: Proposal) -> State:

@@ -154,7 +154,7 @@ def test_a_line_is_no_more_probable_than_it_stands_out_of_its_neighbours():
     assert nothing.fitted.deviance - state.fitted.deviance > 1.3 * line.explanation.gain
     odds = line.score
     assert _beside_neighbours(state, 0) == pytest.approx(1 / (1 + np.exp(-odds)), abs=1e-3)
-    doubtful = replace(state, causes=(replace(state.causes[0], prior=line.prior - odds),))
+    doubtful = replace(state, causes=(replace(state.causes[0], log_prior=line.log_prior - odds),))
     assert _beside_neighbours(doubtful, 0) == pytest.approx(0.5, abs=0.05)
     other = next(p for p in every if not p.explanation.hypothesis.line_hz)
     assert _beside_neighbours(with_new(nothing, other), 0) == 1

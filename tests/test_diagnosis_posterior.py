@@ -168,7 +168,7 @@ def test_priors_sum_to_one_and_a_quarter_is_of_no_list(square):
     # a transient has its share of the instants that were looked at
     passing = np.array([bool(getattr(h.effect, "instants", ())) for h in hypotheses])
     prior[passing] /= np.exp(
-        [h.odds for h, there in zip(hypotheses, passing, strict=True) if there]
+        [h.log_odds for h, there in zip(hypotheses, passing, strict=True) if there]
     )
     assert prior.sum() == pytest.approx(1.0)
     assert prior[~listed].sum() == pytest.approx(UNLISTED)

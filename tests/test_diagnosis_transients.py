@@ -43,7 +43,7 @@ def test_in_noise_none_is_worth_what_any_curve_has_to_be(seed):
     for hypothesis in transients(prepared.start, prepared.whitened):
         whitened = prepared.whitened.alone([hypothesis], prepared.start.effects)
         factor = Scan(whitened).log_bayes_factors(prepared.start)[0]
-        assert factor + hypothesis.odds < np.log(1000)
+        assert factor + hypothesis.log_odds < np.log(1000)
 
 
 def test_there_is_none_in_a_burst_of_noise(rng):

@@ -14,7 +14,6 @@ from tiltcal.diagnosis.model.noise_prior import (
     ALIKE,
     AxisPrior,
     InstrumentPrior,
-    apart_price,
     instruments,
     unlike_others,
 )
@@ -51,20 +50,29 @@ def test_axes_of_published_instruments_are_as_far_apart_as_the_prior_says():
     assert np.exp(np.sqrt(np.mean(np.square(spreads)))) == pytest.approx(ALIKE, abs=0.05)
 
 
-def test_the_price_of_axes_apart_is_that_of_a_normal_density():
+def test_axes_that_are_apart_are_as_improbable_as_instruments_are_alike():
     """Two axes of a ratio of 4, their white noise alike: both halves say the same."""
-    levels, white = [0.0, np.log(4.0)], [1.0, 1.0]
+    walks = [WhiteFlickerWalk(1.0, 0.0, walk) for walk in (1.0, 4.0)]
     expected = np.log(4.0) ** 2 / (4 * np.log(ALIKE) ** 2)
-    assert apart_price(levels, white) == pytest.approx(expected)
-    assert apart_price([1.0, 1.0, 1.0], [0.0, 0.0, 0.0]) == pytest.approx(0.0)
+    assert priors(2).price(walks) == pytest.approx(expected, rel=1e-3)
+    assert priors(3).price([walks[0]] * 3) == pytest.approx(0.0)
 
 
 def test_slow_noise_may_go_with_the_white_noise_of_each_axis():
     """Then one half of instruments is as probable as can be."""
-    levels = [0.0, np.log(4.0)]
+    models = [WhiteFlickerWalk(size, 0.0, size) for size in (1.0, 4.0)]
     by_size = np.log(4.0) ** 2 / (4 * np.log(ALIKE) ** 2)
     expected = -np.log((1 + np.exp(-by_size)) / 2)
-    assert apart_price(levels, levels) == pytest.approx(expected)
+    assert priors(2).price(models) == pytest.approx(expected, rel=1e-3)
+
+
+def test_whether_slow_noise_goes_with_the_white_one_is_drawn_once_for_all_axes():
+    """Three alike, whose walk is far above that of the worst grade beside their white noise, and
+    below it by its size: of one half of instruments, not of an eighth.
+    """
+    axis = AxisPrior(25.0, SAMPLES, ((1e3, 1e-3), (1e3, 1e3)))
+    models = [WhiteFlickerWalk(1.0, 0.0, 1.0)] * 3
+    assert InstrumentPrior((0, 1, 2), (axis,) * 3).price(models) == pytest.approx(np.log(2))
 
 
 def noise_fits(walks, seed):

@@ -75,7 +75,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     log_p: list[float] = []
     if fitted.terms:
         log_p, whitened = gate.log_p(fitted, whitened)
-    observations, faults = prepared.observations, [*prepared.faults, *said.chance]
+    observations, faults = prepared.observations, [*prepared.faults, *said.random_settings]
     before = refit(prepared.start, whitened) if fitted.terms else fitted
     white = under_fixed_white(prepared.start, whitened)
     first, last = _fits(before, fitted, white, said.whitened, gate)

@@ -24,14 +24,14 @@ class Hypothesis:
         effect: the effect at plausible sizes.
         names: bare names of the sizes.
         alias: catalogue id of a curve that is a known law without a known form.
-        odds: natural logarithm of the odds of its shape against an unlisted law of that shape; of a
-            transient, of its place among all that were looked at.
+        log_odds: of its shape against an unlisted law of that shape, nats; of a transient, of its
+            place among all that were looked at.
     """
 
     effect: Effect
     names: tuple[str, ...]
     alias: str | None = None
-    odds: float = 0.0
+    log_odds: float = 0.0
 
     @property
     def id(self) -> str:
@@ -164,7 +164,7 @@ def listed_hypotheses(
             for shape in cls.shapes(span):
                 hypothesis = _hypothesis(cls, scenario, sensor, axis, shape)
                 if hypothesis.place not in nuisance:
-                    yield replace(hypothesis, odds=cls.shape_odds(shape, span))
+                    yield replace(hypothesis, log_odds=cls.shape_odds(shape, span))
 
 
 def _eligible(cls: type[Effect], scenario: Scenario) -> bool:

@@ -47,7 +47,7 @@ def periodic_curves(
     for cls, where, own in modulated:
         for frequency, count in product(own, HARMONICS):
             curve = curve_over(cls, "time", harmonics(count), period=1 / frequency, **where)
-            yield replace(curve, odds=-float(np.log(frequencies)))
+            yield replace(curve, log_odds=-float(np.log(frequencies)))
 
 
 def stamped(scenario: Scenario, sensors: Sequence[str]) -> list[dict[str, Any]]:

@@ -59,9 +59,10 @@ class AxisPrior:
         """Flicker and random walk over those of the worst grade, beside the same white noise and by
         their size, (2, 2); 0 where there is no grade.
         """
-        return np.array(self._above(model))
+        return np.array(self.above(model))
 
-    def _above(self, model: NoiseModel) -> list[list[float]]:
+    def above(self, model: NoiseModel) -> list[list[float]]:
+        """As ``above_grades``, in plain numbers."""
         if self.worst is None:
             return [[0.0, 0.0], [0.0, 0.0]]
         white = sqrt(float(model.density(FASTEST)[0]) / self.rate_hz)
@@ -72,12 +73,6 @@ class AxisPrior:
             [x / worst for x, worst in zip(slow, size, strict=True)],
         ]
 
-    def price(self, model: NoiseModel) -> float:
-        """-log prior of its slow noise, nats: that of an instrument whose slow noise goes with its
-        white noise, and that of one whose does not, mixed by halves.
-        """
-        return _halves(*(above_price(above) for above in self._above(model)))
-
     def level(self, model: NoiseModel) -> float:
         """Logarithm of the rms of the slow noise over all samples, SI: at least what white noise
         leaves of their level.
@@ -85,7 +80,7 @@ class AxisPrior:
         flicker, walk = model.slow_noise(1.0).tolist()
         of_flicker, of_walk = _variances(self.count)
         variance = flicker**2 * of_flicker + walk**2 * of_walk + model.white**2 / self.count
-        return 0.5 * log(max(variance, NOTHING))
+        return 0.5 * _log(variance)
 
 
 @dataclass(frozen=True)
@@ -101,8 +96,7 @@ class InstrumentPrior:
 
     def price(self, models: Sequence[NoiseModel]) -> float:
         """-log prior of the noise of these axes, nats."""
-        own = sum(axis.price(m) for axis, m in zip(self.axes, models, strict=True))
-        return own + self._apart(models)
+        return self._price_of_one(0, models)(models[0])
 
     def cost(self, fits: Sequence[NoiseFit]) -> float:
         """-log posterior of fits of these axes, up to a constant, nats."""
@@ -125,28 +119,33 @@ class InstrumentPrior:
         found, cost = list(fits), np.inf
         for _ in range(ROUNDS if len(found) > 1 else 1):
             for k in range(len(found)):
-                found[k] = _most_probable(found[k], self._price_of_one(k, found))
+                price = self._price_of_one(k, [f.model for f in found])
+                found[k] = _most_probable(found[k], price)
             before, cost = cost, self.cost(found)
             if before - cost < CLOSE:
                 break
         return found
 
-    def _price_of_one(self, k: int, fits: Sequence[NoiseFit]) -> Callable[[NoiseModel], float]:
-        """-log prior of the k-th axis beside the others as they are fitted."""
-        models = [f.model for f in fits]
-        levels = [axis.level(m) for axis, m in zip(self.axes, models, strict=True)]
-        white = [log(max(m.white, NOTHING)) for m in models]
+    def _price_of_one(self, k: int, models: Sequence[NoiseModel]) -> Callable[[NoiseModel], float]:
+        """-log prior of the noise of all axes by that of the k-th, nats: of an instrument whose
+        slow noise goes with its white noise, and of one whose does not, mixed by halves.
+        """
         own = self.axes[k]
+        pairs = list(zip(self.axes, models, strict=True))
+        levels = [axis.level(m) for axis, m in pairs]
+        white = [_log(m.white) for m in models]
+        others = [axis.above(m) for i, (axis, m) in enumerate(pairs) if i != k]
+        beside, size = (sum(above_price(above[j]) for above in others) for j in (0, 1))
 
         def price(model: NoiseModel) -> float:
-            levels[k], white[k] = own.level(model), log(max(model.white, NOTHING))
-            return own.price(model) + apart_price(levels, white)
+            levels[k], white[k] = own.level(model), _log(model.white)
+            own_beside, own_size = (above_price(above) for above in own.above(model))
+            return _halves(
+                beside + own_beside + _spread([x - w for x, w in zip(levels, white, strict=True)]),
+                size + own_size + _spread(levels),
+            )
 
         return price
-
-    def _apart(self, models: Sequence[NoiseModel]) -> float:
-        levels = [axis.level(m) for axis, m in zip(self.axes, models, strict=True)]
-        return apart_price(levels, [log(max(m.white, NOTHING)) for m in models])
 
 
 def instruments(whitened: WhitenedModel) -> list[InstrumentPrior]:
@@ -211,15 +210,14 @@ def above_price(above: Sequence[float]) -> float:
     return 0.5 * sum((log(max(x, 1.0)) / log(SPREAD)) ** 2 for x in above)
 
 
-def apart_price(levels: Sequence[float], white: Sequence[float]) -> float:
-    """-log prior of how far the slow noise of the axes of an instrument is apart, nats: by its
-    size, and beside the white noise of each, mixed by halves. Logarithms of the rms of each.
-    """
-    beside = [level - w for level, w in zip(levels, white, strict=True)]
-    return _halves(_spread(levels), _spread(beside))
+def _log(size: float) -> float:
+    return log(max(size, NOTHING))
 
 
 def _spread(x: Sequence[float]) -> float:
+    """-log prior of how far the slow noise of the axes of an instrument is apart, nats. x: the
+    logarithms of their rms, or of that beside the white noise.
+    """
     mean = sum(x) / len(x)
     return 0.5 * sum((each - mean) ** 2 for each in x) / log(ALIKE) ** 2
 

@@ -58,7 +58,7 @@ def in_shapes(
         same = local.hypotheses[k].place == place
         told = explain(k, fitted, local) if same else None
         if told is not None and possible(told.terms[0]):
-            found.append(Proposal(told, proposal.prior))
+            found.append(Proposal(told, proposal.log_prior))
     return found
 
 
@@ -69,7 +69,9 @@ def _localised(proposal: Proposal, fitted: FittedModel, whitened: WhitenedModel)
     effect = curves[0].effect
     one_of = STEPS if isinstance(effect, Learned) and effect.is_step else 1
     for form in nearest_forms(curves, fitted, whitened):
-        charged = replace(proposal, prior=proposal.prior + float(np.log(one_of / form.tried)))
+        charged = replace(
+            proposal, log_prior=proposal.log_prior + float(np.log(one_of / form.tried))
+        )
         found += in_shapes(charged, form.hypotheses, fitted, whitened)
     if not found:
         return []

@@ -70,7 +70,7 @@ def _beside_neighbours(state: State, cause: int) -> float:
     terms = [state.fitted.terms[place] for place in state.fitted.findings()[cause]]
     if not terms[0].hypothesis.line_hz:
         return 1.0
-    tried, prior = state.causes[cause].tried, state.causes[cause].prior
+    tried, prior = state.causes[cause].tried, state.causes[cause].log_prior
     rest = without(state, cause).fitted
     return _probability(explanation_of(terms, tried, rest, state.whitened).evidence + prior)
 

@@ -20,7 +20,7 @@ class Explained:
 
     Args:
         fitted: the model; whitened: its columns under the noise that it leaves.
-        chance: random effects.
+        random_settings: random setting errors of a table axis.
         gate: says where the noise comes from.
         names: what each finding may be; probability: that each is there.
         slow: variation that is too large to be noise, more probably than not.
@@ -32,7 +32,7 @@ class Explained:
 
     fitted: FittedModel
     whitened: WhitenedModel
-    chance: tuple[Fault, ...]
+    random_settings: tuple[Fault, ...]
     gate: NoiseGate
     names: tuple[Names, ...]
     probability: tuple[float, ...]

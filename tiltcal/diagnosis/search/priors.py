@@ -33,7 +33,7 @@ def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:
         parts = [_part(hypotheses[k]) for k in which]
         for k, part in zip(which, parts, strict=True):
             found[k] = np.log(share / len(set(parts)) / parts.count(part))
-    return found + np.array([h.odds for h in hypotheses])
+    return found + np.array([h.log_odds for h in hypotheses])
 
 
 def share_of_name(kinds: Collection[tuple[object, ...]]) -> float:

@@ -40,12 +40,12 @@ def rows_in_place(state: State, k: int, scan: Scan) -> list[Row]:
     own = explanation_of(terms, cause.tried, rest.fitted, whitened)
     law, every = terms[0].hypothesis, looked_at(rest.fitted, whitened, scan)
     coarse = coarsened(max(e.gain for e in (own, *(p.explanation for p in every))) / 2)
-    rows = [row_of(own, cause.prior, coarse)]
+    rows = [row_of(own, cause.log_prior, coarse)]
     known = {id(p.explanation.hypothesis) for p in every}
     first = [p for p in every if possible(p.explanation.terms[0])]
     for p in (*_at_its_shape(law, first, rest), *_at_its_instant(law, rest, scan)):
         if not _same(p.explanation.hypothesis, law):  # once, at the shape that it has
-            rows.append(row_of(p.explanation, p.prior, coarse, p))
+            rows.append(row_of(p.explanation, p.log_prior, coarse, p))
     top = max(row.coarse_score for row in rows)
     rows += _not_looked_at(rest, scan, known, coarse, top + np.log(LEAST))
     rows = list(_fitted(state, k, rows, coarse))

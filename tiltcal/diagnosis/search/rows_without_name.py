@@ -41,8 +41,8 @@ def of_other_source(rows: Sequence[Row], law: Hypothesis) -> Iterator[Row]:
     other = float(np.log(priors.UNLISTED / (1 - priors.UNLISTED)))
     for k, row in enumerate(rows):
         source = law if k == 0 else row.proposal and row.proposal.explanation.hypothesis
-        if source and source.listed and source.odds:
-            score = row.score - source.odds + other
+        if source and source.listed and source.log_odds:
+            score = row.score - source.log_odds + other
             yield replace(row, name=UNLISTED, score=score, proposal=curve.proposal)
 
 

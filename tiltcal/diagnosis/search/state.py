@@ -22,11 +22,11 @@ from tiltcal.diagnosis.search.possible_sizes import possible
 
 @dataclass(frozen=True)
 class Cause:
-    """What the price of a cause depends on beside its terms: log prior, nats, and columns that its
-    deviation may be made of.
+    """What the price of a cause depends on beside its terms: its log prior odds, nats, and how many
+    columns its deviation may be made of.
     """
 
-    prior: float
+    log_prior: float
     tried: int
 
 
@@ -67,15 +67,15 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Proposal:
-    """An explanation with its score: evidence and prior, nats."""
+    """An explanation with its log prior odds, nats: those of one cause more among them."""
 
     explanation: Explanation
-    prior: float
+    log_prior: float
 
     @property
     def score(self) -> float:
         """Log posterior odds against nothing in its place."""
-        return self.explanation.evidence + self.prior
+        return self.explanation.evidence + self.log_prior
 
 
 def laws(fitted: FittedModel) -> list[Hypothesis]:
@@ -110,8 +110,8 @@ def with_new(state: State, proposal: Proposal) -> State:
     return State(
         refit_linearly(state.fitted, terms, state.whitened),
         state.whitened,
-        (*state.causes, Cause(proposal.prior, new.tried)),
-        (*state.prices, new.price - proposal.prior),
+        (*state.causes, Cause(proposal.log_prior, new.tried)),
+        (*state.prices, new.price - proposal.log_prior),
     )
 
 
@@ -130,8 +130,8 @@ def with_cause(state: State, k: int, proposal: Proposal) -> State:
     before = sum(len(p) for p in rest.fitted.findings()[:k])
     own = rest.fitted.terms
     terms = (*own[:before], *proposal.explanation.terms, *own[before:])
-    cause = Cause(proposal.prior, proposal.explanation.tried)
-    price = proposal.explanation.price - proposal.prior
+    cause = Cause(proposal.log_prior, proposal.explanation.tried)
+    price = proposal.explanation.price - proposal.log_prior
     return State(
         refit_linearly(rest.fitted, terms, state.whitened),
         state.whitened,
@@ -167,5 +167,5 @@ def _priced(state: State) -> State:
         rest = without(state, k).fitted
         terms = [fitted.terms[i] for i in places]
         told = explanation_of(terms, cause.tried, rest, state.whitened)
-        prices.append(told.price - cause.prior)
+        prices.append(told.price - cause.log_prior)
     return replace(state, prices=tuple(prices))

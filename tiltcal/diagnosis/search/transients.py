@@ -82,7 +82,7 @@ def transients(fitted: FittedModel, whitened: WhitenedModel) -> list[Hypothesis]
                     rise=course.rise,
                     fall=course.fall,
                 )
-                found.append(replace(curve, odds=-price))
+                found.append(replace(curve, log_odds=-price))
     return found
 
 

@@ -9,11 +9,15 @@ import pytest
 from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.special import logsumexp
 from scipy.stats import binom, norm
-from statistics_helpers import FALSE_ALARM
+from statistics_helpers import FALSE_ALARM, mean_band
 
 from tiltcal.diagnosis.data_quality.outliers import off_neighbours
 from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.data_quality.setting_errors import beside_stops, find_setting_error
+from tiltcal.diagnosis.data_quality.setting_errors import (
+    Rotations,
+    beside_stops,
+    find_setting_error,
+)
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.channel_noise import noise_under, noise_within_stops
@@ -107,6 +111,27 @@ def test_stops_that_agree_have_no_setting_error():
     assert find_setting_error(found.start, found.start, found.whitened, 300, 0.01) is None
 
 
+def independent(values, variances):
+    """Rotations that are each told by themselves, and nothing else is fitted."""
+    return Rotations(values / np.sqrt(variances), np.diag(1 / np.sqrt(variances)))
+
+
+def test_the_spread_of_rotations_is_that_of_their_prior_whatever_is_fitted_beside(rng):
+    """Six of 24 directions go to the calibration; a fifth of the variance is noise."""
+    sigma, noise, found, errors = 20 * ARCSEC, 10 * ARCSEC, [], []
+    for _ in range(400):
+        kept = np.linalg.qr(rng.normal(size=(24, 24)))[0][:18]
+        rotations = rng.normal(0.0, sigma, 24)
+        told = kept @ rotations / noise + rng.normal(size=18)
+        value, error = Rotations(told, kept / noise).spread()
+        found.append(value)
+        errors.append(error)
+    variances = np.square(found)
+    assert abs(variances.mean() - sigma**2) < mean_band(variances)
+    # one standard deviation of a standard deviation of 400 draws is 3.5 %
+    assert np.median(errors) == pytest.approx(np.std(found), rel=0.15)
+
+
 def test_the_evidence_for_random_settings_is_that_of_a_variance_component(rng):
     """Against the densities of the normal distributions themselves."""
     variances = rng.uniform(0.5, 2.0, 12) * ARCSEC**2
@@ -117,8 +142,8 @@ def test_the_evidence_for_random_settings_is_that_of_a_variance_component(rng):
         return norm.logpdf(values, 0.0, np.sqrt(variances + width**2)).sum()
 
     expected = logsumexp([density(w) - density(0.0) for w in widths]) - np.log(len(widths))
-    assert common_width(values, variances) == pytest.approx(expected)
-    assert common_width(np.zeros(12), variances) < 0
+    assert common_width(independent(values, variances)) == pytest.approx(expected)
+    assert common_width(independent(np.zeros(12), variances)) < 0
 
 
 def test_random_settings_follow_nothing_and_a_law_of_an_angle_or_the_past_is_not_random(rng):
@@ -127,13 +152,13 @@ def test_random_settings_follow_nothing_and_a_law_of_an_angle_or_the_past_is_not
     variances = np.full(30, ARCSEC**2)
     angles = {"outer": angle, "inner": other}
     noise = rng.normal(0.0, ARCSEC, 30)
-    assert not lawful(rng.normal(0.0, 20 * ARCSEC, 30) + noise, variances, angles)
+    assert not lawful(independent(rng.normal(0.0, 20 * ARCSEC, 30) + noise, variances), angles)
     steep = 20 * ARCSEC * np.tanh((angle - 0.3) / 0.2)
-    assert lawful(steep + noise, variances, angles)
+    assert lawful(independent(steep + noise, variances), angles)
     levels = rng.normal(0.0, 20 * ARCSEC, 6)
-    assert lawful(np.repeat(levels, 5) + noise, variances, angles)
+    assert lawful(independent(np.repeat(levels, 5) + noise, variances), angles)
     lost = 6 * ARCSEC * np.cumsum(rng.random(30) < 0.3)  # counts, and they stay lost
-    assert lawful(lost + noise, variances, angles)
+    assert lawful(independent(lost + noise, variances), angles)
 
 
 def test_settings_between_two_widths_of_the_prior_are_no_law(rng):
@@ -142,7 +167,7 @@ def test_settings_between_two_widths_of_the_prior_are_no_law(rng):
     angles = {"outer": np.radians(137.5 * k % 360), "inner": np.radians(222.5 * k % 360)}
     variances = np.full(31, ARCSEC**2)
     draws = rng.normal(0.0, np.sqrt(11.0**2 + 1.0) * ARCSEC, (300, 31))
-    found = [lawful(rotations, variances, angles) for rotations in draws]
+    found = [lawful(independent(rotations, variances), angles) for rotations in draws]
     assert sum(found) <= binom.ppf(1 - FALSE_ALARM, 300, 1 / 3)
 
 

@@ -14,6 +14,7 @@ from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values, log_tail
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import refit
+from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.table.readout import EncoderZero, IndexError_
 from tiltcal.statistics.noise_spectrum import NoiseFit
@@ -36,19 +37,52 @@ class Stop:
 
 
 @dataclass(frozen=True)
+class Rotations:
+    """What a recording says of the rotations of n stops beside all that is fitted: of k
+    combinations of them, each with standard normal noise.
+
+    Args:
+        told: the combinations, (k,).
+        root: told = root @ rotations, 1/rad, (k, n); its rows are orthogonal.
+    """
+
+    told: Array
+    root: Array
+
+    def spread(self) -> tuple[float, float]:
+        """The standard deviation of the rotations, rad, of the largest restricted likelihood
+        (Patterson and Thompson, Biometrika 58, 1971), and its standard uncertainty; nothing where
+        that is at zero.
+        """
+        from scipy.optimize import minimize_scalar
+
+        information = (self.root**2).sum(axis=1)
+
+        def cost(log_variance: float) -> float:
+            ratio = np.exp(log_variance) * information
+            return float((np.log1p(ratio) + self.told**2 / (1 + ratio)).sum())
+
+        if not (information * (self.told**2 - 1)).sum() > 0:  # the slope at zero
+            return 0.0, 0.0
+        largest = float((self.told**2 / information).max())
+        bounds = float(np.log(1e-3 / information.max())), float(np.log(largest))
+        variance = float(np.exp(minimize_scalar(cost, bounds=bounds, method="bounded").x))
+        ratio = information / (1 + variance * information)
+        return float(np.sqrt(variance)), float(1 / np.sqrt(2 * variance * (ratio**2).sum()))
+
+
+@dataclass(frozen=True)
 class SettingError:
     """Random settings of an axis.
 
     Args:
         fault: what is said of them.
-        stops: that they were seen at.
-        rotations: at each, rad, (n,); variances: of these, rad^2, (n,).
+        stops: that they were seen at; rotations: at each.
     """
 
     fault: Fault
     stops: Sequence[Stop]
-    rotations: Array
-    variances: Array
+    rotations: Rotations
 
 
 def find_setting_error(
@@ -74,16 +108,17 @@ def find_setting_error(
     if not stops:
         return None
     within = whitened.under(models(noise))
-    gain, values, variances = rotations_of_stops(stops, refit(fitted, within), within)
-    first = rotations_of_stops(stops, refit(start, within), within)[0]
+    beside = refit(fitted, within)
+    gain = explained_by_stops(stops, beside, within)
+    first = explained_by_stops(stops, refit(start, within), within)
     # so many sizes take their share of chance as well
     free = max(len(stops) - sum(len(t.names) for t in fitted.terms), 1)
     if gain / free < share * first / len(stops):
         return None
-    spread = float(np.mean(values**2 - variances))
-    if spread <= 0:
+    rotations = rotations_of_stops(stops, beside, within)
+    sigma, error = rotations.spread()
+    if not sigma > 0:
         return None
-    sigma = float(np.sqrt(spread))
     names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
     axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
     effect = IndexError_({"sigma": sigma}, None, axis, "found")
@@ -91,10 +126,9 @@ def find_setting_error(
         f"The {axis} axis stops at random about its setting, {np.degrees(sigma) * 3600:.3g} arcsec"
         " rms: each stop has its own rotation."
     )
-    error = float(np.sqrt(2 * np.sum((spread + variances) ** 2))) / (2 * len(values) * sigma)
     p_value = float(np.exp(chance)) * max(total, 1)
     fault = Fault(effect, names, axes, words, sigma={"sigma": error}, p_value=p_value)
-    return SettingError(fault, stops, values, variances)
+    return SettingError(fault, stops, rotations)
 
 
 def _least_probable(
@@ -133,11 +167,11 @@ def _chance(
     for side in (0, 1):
         bound = whitened.under([fit.bounds()[side] for fit in noise])
         at_this = refit(fitted, bound)
-        gain, _, _ = rotations_of_stops(stops, at_this, bound)
+        gain = explained_by_stops(stops, at_this, bound)
         worst = max(worst, log_tail(gain, len(stops)))
         if worst > limit:
             break
-        other = rotations_of_stops([*stops, *levels], at_this, bound)[0] - gain
+        other = explained_by_stops([*stops, *levels], at_this, bound) - gain
         free = len(levels) - len(stops) - at_this.basis[0].shape[1]
         worst = max(worst, log_ratio(gain, len(stops), other, free) if free > 0 else -np.inf)
     return worst
@@ -216,21 +250,37 @@ def _stops(observations: Observations, axis: str, fitted: FittedModel) -> list[S
     return found
 
 
+def explained_by_stops(
+    stops: Sequence[Stop], fitted: FittedModel, whitened: WhitenedModel
+) -> float:
+    """Fall of the deviance by a free angle at each stop."""
+    left, matrix = _beside(stops, fitted, whitened)
+    # with the model's own columns, which explain nothing of what they leave: a stop's column is
+    # not projected, because it would change every channel then
+    return matrix.explained(left)
+
+
 def rotations_of_stops(
     stops: Sequence[Stop], fitted: FittedModel, whitened: WhitenedModel
-) -> tuple[float, Array, Array]:
-    """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances.
-    Angles and variances: (stops,).
+) -> Rotations:
+    """What a recording says of a rotation at each stop, whatever the fitted terms are."""
+    left, matrix = _beside(stops, fitted, whitened)
+    fixed = matrix.count - len(stops)
+    cross = matrix.gram[fixed:, :fixed]
+    information, turn = np.linalg.eigh(matrix.gram[fixed:, fixed:] - cross @ cross.T)
+    told = information > SURVIVES * np.diag(matrix.gram)[fixed:].max(initial=0.0)
+    root = np.sqrt(information[told])[:, None] * turn[:, told].T
+    along = turn[:, told].T @ matrix.along(left)[fixed:]
+    return Rotations(along / np.sqrt(information[told]), root)
+
+
+def _beside(
+    stops: Sequence[Stop], fitted: FittedModel, whitened: WhitenedModel
+) -> tuple[list[Array], BlockDesignMatrix]:
+    """What a model leaves, whitened, by channel, (n,) each, and an orthonormal basis of what it
+    fits, with the columns of the stops behind.
     """
     lengths = [len(c.values) for c in whitened.observations.channels]
     left = project(fitted.basis, whitened.residual(fitted.effects))
-    scaled = [whitened.whiten(s.columns) for s in stops]
-    energy = np.array([sum(float(c @ c) for c in w.values()) for w in scaled])
-    values = np.array([sum(float(c @ left[i]) for i, c in w.items()) for w in scaled]) / np.maximum(
-        energy, 1e-300
-    )
-    # with the model's own columns, which explain nothing of what they leave: a stop's column is
-    # not projected, because it would change every channel then
-    matrix = BlockDesignMatrix([*columns_of(fitted.basis), *scaled], lengths)
-    del scaled  # of hundreds of stops: the matrix has a copy
-    return matrix.explained(left), values, 1 / np.maximum(energy, 1e-300)
+    columns = (whitened.whiten(stop.columns) for stop in stops)
+    return left, BlockDesignMatrix([*columns_of(fitted.basis), *columns], lengths)

@@ -15,6 +15,7 @@ from scipy.special import logsumexp
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import DEG
 from tiltcal.diagnosis.data_quality.setting_errors import (
+    Rotations,
     SettingError,
     Stop,
     rotations_of_stops,
@@ -77,10 +78,10 @@ def cost_with_random_settings(state: State) -> tuple[float, float]:
     prior = float(np.log(SOMETHING * share_of_name({kind(h) for h in whitened.hypotheses})))
     evidence = any_axis = -np.inf
     for _, every in stops:
-        _, values, variances = rotations_of_stops(every, within.fitted, within.whitened)
-        any_axis = max(any_axis, common_width(values, variances))
-        if not lawful(values, variances, _angles(every)):
-            evidence = max(evidence, common_width(values, variances))
+        rotations = rotations_of_stops(every, within.fitted, within.whitened)
+        any_axis = max(any_axis, common_width(rotations))
+        if not lawful(rotations, _angles(every)):
+            evidence = max(evidence, common_width(rotations))
     return within.cost - any_axis - prior, within.cost - evidence - prior
 
 
@@ -90,22 +91,21 @@ def _angles(stops: Sequence[Stop]) -> dict[str, Array]:
 
 def is_lawful(error: SettingError) -> bool:
     """Whether what looks like random settings more probably follows a law."""
-    return lawful(error.rotations, error.variances, _angles(error.stops))
+    return lawful(error.rotations, _angles(error.stops))
 
 
-def lawful(values: Array, variances: Array, angles: Mapping[str, Array]) -> bool:
+def lawful(rotations: Rotations, angles: Mapping[str, Array]) -> bool:
     """Whether rotations more probably follow one of some angles, or those before, than nothing.
 
     Args:
-        values: of each stop, rad, (n,), in their order; variances: of these estimates, rad^2, (n,).
-        angles: of each axis at each stop, rad, (n,).
+        rotations: of n stops in their order; angles: of each axis at each stop, rad, (n,).
     """
-    chance = common_width(values, variances) + LISTED
-    order = np.arange(len(values))
+    chance = common_width(rotations) + LISTED
+    order = np.arange(rotations.root.shape[1])
     alike = [_likeness(_chord(a), length) for a in angles.values() for length in LENGTHS]
     alike += [_likeness(np.abs(order[:, None] - order), length) for length in STOPS]
     processes = [
-        _of_process(values, variances, (1 - rest) * likeness + rest * np.eye(len(values)))
+        _of_process(rotations, (1 - rest) * likeness + rest * np.eye(len(order)))
         for likeness in alike
         for rest in REST
     ]
@@ -122,24 +122,19 @@ def _likeness(distance: Array, length: float) -> Array:
     return np.exp(-distance / length)
 
 
-def common_width(values: Array, variances: Array) -> float:
-    """Evidence for rotations that have one normal prior, averaged over its width, nats.
-
-    Args:
-        values: of each stop, rad, (n,).
-        variances: of these estimates, rad^2, (n,).
-    """
-    return _of_process(values, variances, np.eye(len(values)))
+def common_width(rotations: Rotations) -> float:
+    """Evidence for rotations that have one normal prior, averaged over its width, nats."""
+    return _of_process(rotations, np.eye(rotations.root.shape[1]))
 
 
-def _of_process(values: Array, variances: Array, likeness: Array) -> float:
+def _of_process(rotations: Rotations, likeness: Array) -> float:
     """Evidence for rotations that are a normal process of this correlation, averaged over its
-    width, nats.
+    width, nats. likeness: (n, n).
     """
     (width,) = IndexError_.parameters
-    size, sigma = width.plausible[1] * width.factor, np.sqrt(variances)
-    energies, directions = np.linalg.eigh(likeness / np.outer(sigma, sigma))
-    found = directions.T @ (values / sigma)
+    size, root = width.plausible[1] * width.factor, rotations.root
+    energies, directions = np.linalg.eigh(root @ likeness @ root.T)
+    found = directions.T @ rotations.told
     ratio = WIDTHS[:, None] * size**2 * np.maximum(energies, 0.0)
     by_width = 0.5 * (found**2 * ratio / (1 + ratio) - np.log1p(ratio)).sum(axis=1)
     return float(logsumexp(by_width) - np.log(len(WIDTHS)))

@@ -13,6 +13,8 @@ from diagnosis_fixtures import (
 )
 from statistics_helpers import rng_of
 
+from tiltcal.core.errors import TiltcalError
+from tiltcal.diagnosis.conclusions.calibration_notes import implausible
 from tiltcal.diagnosis.data.channels import repeat_chance
 from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.diagnosis.data_quality.inspection import inspect
@@ -178,15 +180,34 @@ def test_a_mistyped_angle(truth, sound):
     )
 
 
-def test_time_that_goes_back_is_mended_and_said(truth, sound):
-    time = sound.time.copy()
-    time[100] -= 1.0
-    columns = {n: sound.column(n) for n in sound.column_names}
-    notes = prepare(honest(truth), [Recording.from_columns(time, columns, source="run.csv")]).notes
-    assert (
+def with_times(recording, change):
+    """The recording with other stamps."""
+    time = recording.time.copy()
+    change(time)
+    columns = {n: recording.column(n) for n in recording.column_names}
+    return Recording.from_columns(time, columns, source="run.csv")
+
+
+def test_time_that_goes_back_is_mended_and_a_finding(truth, sound):
+    def back(time):
+        time[100] -= 1.0
+
+    found = diagnose(honest(truth), [with_times(sound, back)])
+    (finding,) = found.findings
+    assert (finding.effect, finding.stage, found.verdict) == (None, "data", "unlisted")
+    assert finding.statement == (
         "run.csv: 1 row(s) whose time goes back or repeats, the first at data row 101; they are"
-        " left out" in notes
+        " left out."
     )
+
+
+def test_stamps_that_repeat_may_be_rounded_and_are_noted(truth, sound):
+    def repeat(time):
+        time[100] = time[99]
+
+    found = diagnose(honest(truth), [with_times(sound, repeat)])
+    assert (found.findings, found.verdict) == ((), "match")
+    assert any("row(s) whose time repeats, the first at data row 101" in n for n in found.notes)
 
 
 def test_what_was_mended_leaves_the_rest_as_it_was(truth, sound):
@@ -484,3 +505,46 @@ def test_a_gross_error_of_a_fog_shows_at_rest_below_the_noise_of_the_gyro(rng):
     assert [(f.effect.id, f.sensors, f.axes) for f in faults] == [
         ("data_outlier", ("fog",), ("a",))
     ]
+
+
+def test_a_table_at_rest_tests_nothing_where_all_it_reads_may_be_calibrated():
+    """One attitude, and readings that no instrument has there."""
+    rng, time = rng_of("one attitude"), np.arange(2000) / 50
+    columns = {
+        "table_outer_deg": np.zeros(2000),
+        "table_inner_deg": np.zeros(2000),
+        **{f"accel_{a}_m_s2": m + rng.normal(0, 1e-3, 2000) for a, m in zip("xyz", (0.5, -0.7, 6))},
+    }
+    scenario = honest(bench())
+    found = diagnose(scenario, [Recording.from_columns(time, columns)])
+    assert found.verdict == "cannot_tell"
+    assert "Record more attitudes" in found.statement
+
+
+def test_a_calibration_that_no_instrument_needs_is_noted(truth, sound):
+    """Scale factors of 9.8/1.62 are 5 million ppm."""
+    scenario = honest(truth)
+    assert implausible(prepare(scenario, [sound]).start) == []
+    site = scenario.site.model_copy(update={"gravity_m_s2": 1.62})
+    (note,) = implausible(prepare(scenario.model_copy(update={"site": site}), [sound]).start)
+    assert "acc_scale" in note
+    assert "scale_z is" in note
+
+
+def test_recordings_that_no_diagnosis_can_use_are_refused(truth, sound):
+    scenario = honest(truth)
+    with pytest.raises(TiltcalError, match="each recording once"):
+        diagnose(scenario, [sound, sound])
+    with pytest.raises(TiltcalError, match="a table that stops"):
+        diagnose(scenario, [sound], static=sound)
+    other = {n.replace("accel", "acc"): sound.column(n) for n in sound.column_names}
+    with pytest.raises(TiltcalError, match="did you mean 'acc_x_m_s2'"):
+        diagnose(scenario, [Recording.from_columns(sound.time, other)])
+    empty = rewritten(sound, accel_x_m_s2=np.full(len(sound), np.nan))
+    with pytest.raises(TiltcalError, match="no reading of its axis x"):
+        diagnose(scenario, [empty])
+
+
+def test_columns_of_no_sensor_are_reported(truth, sound):
+    more = sound.with_columns({"pressure_hPa": np.ones(len(sound))})
+    assert any("pressure_hPa" in note for note in inspect(honest(truth), [more]).notes)

@@ -24,6 +24,7 @@ from tiltcal.diagnosis.data_quality.prepare import (
     static_noise,
 )
 from tiltcal.diagnosis.data_quality.quantisation_limit import drop_below_code
+from tiltcal.diagnosis.data_quality.requirements import require_diagnosable
 from tiltcal.diagnosis.data_quality.setting_errors import (
     beside_stops,
     find_setting_error,
@@ -100,11 +101,14 @@ def diagnose(
         search: another method than that of this project, to compare with.
 
     Raises:
-        TiltcalError: a column is missing, or nothing in a recording has a model.
+        TiltcalError: a column is missing, a recording was given twice, or the record at rest is
+            none.
     """
     stages = Stages(progress, TIMES)
     given = [_as_read(r) for r in recordings]
     still = None if static is None else _as_read(static)
+    rest = None if still is None else still.recording
+    require_diagnosable(scenario, [r.recording for r in given], rest)
     every = given if still is None else [*given, still]
     with determining(", ".join(r.recording.source for r in given), "how it differs"):
         stages.begin(READING)
@@ -176,7 +180,7 @@ def _prepared(
     """The recordings with their faults repaired, and those that were found when they were read."""
     seen = [fault for r in given for fault in r.faults]
     prepared = prepare(scenario, [r.recording for r in given], noise, seen)
-    return replace(prepared, notes=(*(n for r in given for n in r.notes), *prepared.notes))
+    return replace(prepared, lost=(*(rows for r in given for rows in r.lost), *prepared.lost))
 
 
 def _saying(answer: Diagnosis, given: Sequence[LongRecording]) -> Diagnosis:

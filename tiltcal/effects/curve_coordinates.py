@@ -66,7 +66,11 @@ def coordinate_of(
 
 
 def coordinate_rate(time: Array, u: Array, lag: float) -> Array:
-    """Change per second of a coordinate that is felt late by a time constant, s, (n,)."""
+    """Change per second of a coordinate that is felt late by a time constant, s, (n,); nothing of
+    less than two samples.
+    """
+    if len(time) < 2:
+        return np.zeros(len(time))
     return np.gradient(first_order_lag(time, u, lag), time)
 
 

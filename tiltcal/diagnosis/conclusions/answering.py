@@ -7,8 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.conclusions.calibration_notes import (
+    AT_ONE_POINT,
+    implausible,
+    of_one_operating_point,
+)
 from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, undetectable_of
-from tiltcal.diagnosis.conclusions.fault_findings import finding_of
+from tiltcal.diagnosis.conclusions.fault_findings import backward, finding_of, repeated
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Fitness, verdict_of
 from tiltcal.diagnosis.conclusions.fit_figures import fitness_of, rms_of, under_fixed_white
 from tiltcal.diagnosis.conclusions.law_plots import laws_of
@@ -47,7 +52,8 @@ def testable(prepared: PreparedData) -> bool:
 def untested(prepared: PreparedData) -> Diagnosis:
     """The answer where nothing can be tested: faults of the data, and what to record."""
     observations, start = prepared.observations, prepared.start
-    faults = tuple(finding_of(f) for f in prepared.faults)
+    sensors = observations.scenario.sensor
+    faults = (*(finding_of(f) for f in prepared.faults), *backward(prepared.lost, sensors))
     reason = untold(observations.scenario.rig, observations.samples, start.rank)
     figures = Fitness(None, rms_of(observations, start.effects))
     left = observations.residuals(start.effects)
@@ -55,7 +61,7 @@ def untested(prepared: PreparedData) -> Diagnosis:
         verdict_of(faults, False),
         summary(faults, "cannot_tell", reason),
         faults,
-        prepared.notes,
+        (*prepared.notes, *repeated(prepared.lost)),
         before=figures,
         after=figures,
         amended=amended_of(start, observations, prepared.faults, {}),
@@ -84,9 +90,12 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     found = findings_of(said, whitened, log_p)
     order = sorted(range(len(found)), key=lambda k: found[k].delta_bic)
     lawful = (replace(found[k], laws=laws[k]) for k in order)
-    findings = (*(finding_of(f) for f in faults), *lawful, *nameless_findings(said))
+    nameless = (*nameless_findings(said), *backward(prepared.lost, observations.scenario.sensor))
+    findings = (*(finding_of(f) for f in faults), *lawful, *nameless)
     numbers = {place: len(faults) + rank for rank, k in enumerate(order, 1) for place in groups[k]}
     doubt = _doubts_of(said)
+    if not findings and of_one_operating_point(observations, prepared.start.rank):
+        doubt.append(AT_ONE_POINT)
     verdict = verdict_of(findings, tested := last.chi2_per_dof is not None, bool(doubt))
     source = "the recording itself" if gate.static is None else "the static record"
     noise = noise_report(observations, left, gate.noise(fitted, whitened), source)
@@ -100,7 +109,14 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
         verdict,
         told,
         findings,
-        (*prepared.notes, f"the noise was taken from {source}", *noise.notes, *doubt),
+        (
+            *prepared.notes,
+            *repeated(prepared.lost),
+            f"the noise was taken from {source}",
+            *noise.notes,
+            *implausible(fitted),
+            *doubt,
+        ),
         undetectable_of(fitted, said.whitened),
         first,
         last,

@@ -1,8 +1,46 @@
 """Faults of the data as findings."""
 
+from collections.abc import Sequence
+
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
 from tiltcal.diagnosis.conclusions.parts import part_of
 from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_quality.inspection import LeftOut
+from tiltcal.setup.sensor import Sensor
+
+
+def backward(lost: Sequence[LeftOut], sensors: Sequence[Sensor]) -> list[Finding]:
+    """Time that goes back, as findings: no effect of the catalogue states it, so that they have no
+    part in the amended scenario.
+    """
+    return [
+        Finding(
+            effect=None,
+            names=(),
+            stage="data",
+            sensors=tuple(s.name for s in sensors),
+            axes=tuple(dict.fromkeys(axis for s in sensors for axis in s.axes)),
+            where=Where("sample"),
+            statement=f"{rows.words}.",
+            next_measurement="look at the file and at what wrote it",
+            probability=1.0,
+        )
+        for rows in lost
+        if rows.back
+    ]
+
+
+def repeated(lost: Sequence[LeftOut]) -> list[str]:
+    """Stamps that only repeat, as notes: they may be rounded."""
+    return [rows.words for rows in lost if not rows.back]
+
+
+def _or_another(fault: Fault) -> str:
+    """What was seen, and what else it may be."""
+    others = [name for name in fault.names if name != fault.effect.id]
+    if not others:
+        return fault.words
+    return f"{fault.words.rstrip('.')} (or {', '.join(others)}: this recording cannot tell)."
 
 
 def finding_of(fault: Fault) -> Finding:
@@ -26,6 +64,6 @@ def finding_of(fault: Fault) -> Finding:
         delta_bic=0.0,
         heldout_gain=0.0,
         rivals=(),
-        statement=fault.words,
+        statement=_or_another(fault),
         next_measurement="look at the file and at what wrote it",
     )

@@ -18,6 +18,8 @@ from tiltcal.effects.electronics.converter import AdcStuckBit
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 
+UNKNOWN = "columns that belong to no sensor of the scenario are not used:"
+
 
 @dataclass(frozen=True)
 class Inspected:
@@ -27,11 +29,38 @@ class Inspected:
         recordings: repaired.
         faults: found; their effects are not in the scenario yet.
         notes: what is no mismatch but worth saying.
+        lost: rows that were left out because their stamps do not increase.
     """
 
     recordings: tuple[Recording, ...]
     faults: tuple[Fault, ...] = ()
     notes: tuple[str, ...] = ()
+    lost: tuple["LeftOut", ...] = ()
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Rows that are left out because their stamps do not increase.
+
+    Args:
+        row: of the file, the first; count: how many.
+        back: of them those whose time goes back, and does not only repeat.
+        source: of the recording.
+    """
+
+    row: int
+    count: int
+    back: int
+    source: str
+
+    @property
+    def words(self) -> str:
+        """As a note, or what is said of a finding."""
+        what = "goes back or repeats" if self.back else "repeats"
+        return (
+            f"{self.source}: {self.count} row(s) whose time {what}, the first at data row"
+            f" {self.row}; they are left out"
+        )
 
 
 def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
@@ -41,10 +70,13 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
     known = {(e.id, e.sensor) for e in scenario.effects}
     faults: list[Fault] = []
     notes: list[str] = []
+    lost: list[LeftOut] = []
     repaired = []
     for recording in recordings:
-        recording, words = in_order(recording)
-        notes += words
+        if unknown := recording.unknown(scenario.sensor):
+            notes.append(f"{recording.source}: {UNKNOWN} {', '.join(unknown)}")
+        recording, rows = in_order(recording)
+        lost += rows
         of_readout = (*truncated_angles(recording, scenario), *held_readout(recording, scenario))
         faults += [f for f in of_readout if (f.effect.id, None) not in known]
         for sensor in scenario.sensor:
@@ -70,7 +102,7 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
                     if not f.ids & {id for id, name in known if name == sensor.name}
                 ]
         repaired.append(recording)
-    return Inspected(tuple(repaired), tuple(once(faults)), tuple(notes))
+    return Inspected(tuple(repaired), tuple(once(faults)), tuple(notes), tuple(lost))
 
 
 def once(faults: Sequence[Fault]) -> list[Fault]:
@@ -83,9 +115,9 @@ def once(faults: Sequence[Fault]) -> list[Fault]:
 
 def in_order(
     recording: Recording, last: float = -np.inf, before: int = 0
-) -> tuple[Recording, list[str]]:
-    """The recording with increasing stamps, and a note of the rows that are left out because they
-    go back or repeat a stamp.
+) -> tuple[Recording, list[LeftOut]]:
+    """The recording with increasing stamps, and the rows that are left out because they go back or
+    repeat a stamp, if there are any.
 
     Args:
         recording: as it was read.
@@ -95,15 +127,13 @@ def in_order(
     time = recording.time
     good = np.isfinite(time)
     highest = np.maximum.accumulate(np.where(good, time, last))
-    keep = good & (time > np.concatenate([[last], np.maximum(highest[:-1], last)]))
+    earlier = np.concatenate([[last], np.maximum(highest[:-1], last)])
+    keep = good & (time > earlier)
     lost = int((~keep).sum())
     if lost == 0:
         return recording, []
-    row = before + int(np.argmin(keep)) + 1
-    words = (
-        f"{recording.source}: {lost} row(s) whose time goes back or repeats, the first at data row"
-        f" {row}; they are left out"
-    )
+    back = int((good & (time < earlier)).sum())
+    rows = LeftOut(before + int(np.argmin(keep)) + 1, lost, back, recording.source)
     columns = {name: recording.column(name)[keep] for name in recording.column_names}
     labels = None if recording.labels is None else recording.labels[keep]
     return Recording.from_columns(
@@ -113,4 +143,4 @@ def in_order(
         metadata=recording.metadata,
         source=recording.source,
         origin=recording.fingerprint,
-    ), [words]
+    ), [rows]

@@ -23,7 +23,7 @@ from tiltcal.diagnosis.data.channels import as_written, rewritten, undo_labellin
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.inspection import in_order, inspect, once
+from tiltcal.diagnosis.data_quality.inspection import LeftOut, in_order, inspect, once
 from tiltcal.diagnosis.data_quality.outliers import find_outliers
 from tiltcal.diagnosis.data_quality.prepare import PreparedData, calibrated, prepare
 from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_faults
@@ -60,13 +60,13 @@ class LongRecording:
     Args:
         recording: averages over spans, or its beginning, sample by sample.
         faults: of its samples that were found and repaired.
-        notes: what is no mismatch.
+        lost: rows that were left out because their stamps do not increase.
         said: how it was read, where not sample by sample.
     """
 
     recording: Recording
     faults: tuple[Fault, ...] = ()
-    notes: tuple[str, ...] = ()
+    lost: tuple[LeftOut, ...] = ()
     said: str = ""
 
 
@@ -96,9 +96,9 @@ def read_long(
     ):
         return read_beginning(path, f"what they show would be lost in averages over {spans.words}")
     stages, rows = Stages(progress, SHARES), estimated_rows(path)
-    notes: list[str] = []
+    lost: list[LeftOut] = []
     stages.begin(AVERAGING)
-    read = _told(_parts(path, spans, notes), rows, stages.part)
+    read = _told(_parts(path, spans, lost), rows, stages.part)
     raw = joined([averaged(part, spans) for part in read])
     meant = find_labelling_faults(scenario, raw)
     stages.begin(RESIDUALS)
@@ -112,7 +112,7 @@ def read_long(
     whole = replace(whole, origin=_fingerprint(path))
     forget_replays()  # of the parts
     faults = once([*meant, *(f for _, found in parts for f in found)])
-    return LongRecording(whole, tuple(faults), tuple(notes), averaging_note(raw) or "")
+    return LongRecording(whole, tuple(faults), tuple(lost), averaging_note(raw) or "")
 
 
 def _told(parts: Iterable[Recording], rows: int, part: Part) -> Iterator[Recording]:
@@ -148,34 +148,34 @@ def read_beginning(path: Path, why: str) -> LongRecording:
     Raises:
         TiltcalError: as ``read_pieces`` does.
     """
-    notes: list[str] = []
-    pieces, kept = _onward(read_pieces(path, ordered=False), notes), list[Recording]()
+    lost: list[LeftOut] = []
+    pieces, kept = _onward(read_pieces(path, ordered=False), lost), list[Recording]()
     while sum(len(p) for p in kept) <= LONGEST and (piece := next(pieces, None)) is not None:
         kept.append(piece)
     recording = joined(kept)
     if len(recording) <= LONGEST:
-        return LongRecording(recording, (), tuple(notes))
+        return LongRecording(recording, (), tuple(lost))
     recording = part_of(recording, 0, LONGEST)
     words = (
         f"{recording.source}: only the first {np.ptp(recording.time):.6g} s were read, sample by"
         f" sample: {why}"
     )
-    return LongRecording(recording, (), tuple(notes), words)
+    return LongRecording(recording, (), tuple(lost), words)
 
 
-def _parts(path: Path, spans: Spans, notes: list[str]) -> Iterator[Recording]:
+def _parts(path: Path, spans: Spans, lost: list[LeftOut]) -> Iterator[Recording]:
     """Parts of a file that end where a span ends, of about ``PART`` rows; rows whose time goes back
-    are left out, and noted.
+    are left out, and told.
     """
-    return whole_spans(_onward(read_pieces(path, ordered=False), notes), spans, PART)
+    return whole_spans(_onward(read_pieces(path, ordered=False), lost), spans, PART)
 
 
-def _onward(pieces: Iterable[Recording], notes: list[str]) -> Iterator[Recording]:
-    """Pieces without the rows whose time goes back, which are noted."""
+def _onward(pieces: Iterable[Recording], lost: list[LeftOut]) -> Iterator[Recording]:
+    """Pieces without the rows whose time goes back, which are added to those that are lost."""
     last, rows = -np.inf, 0
     for piece in pieces:
-        sound, words = in_order(piece, last, rows)
-        notes += words
+        sound, out = in_order(piece, last, rows)
+        lost += out
         rows += len(piece)
         if len(sound):
             last = float(sound.time[-1])

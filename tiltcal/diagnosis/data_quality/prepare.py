@@ -11,7 +11,7 @@ from tiltcal.diagnosis.data.channels import undo_labelling_faults, written
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.inspection import inspect, once
+from tiltcal.diagnosis.data_quality.inspection import Inspected, LeftOut, inspect, once
 from tiltcal.diagnosis.data_quality.lost_samples import find_lost_samples
 from tiltcal.diagnosis.data_quality.outliers import find_outliers
 from tiltcal.diagnosis.data_quality.quantisation_limit import code_floors
@@ -49,6 +49,7 @@ class PreparedData:
     Args:
         faults: found in the data; notes: what is no mismatch.
         floors: size, SI, of what coarse codes do to a sensor's misfit, by sensor.
+        lost: rows that were left out because their stamps do not increase.
     """
 
     observations: Observations
@@ -57,6 +58,7 @@ class PreparedData:
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
     floors: Mapping[str, float] = field(default_factory=dict)
+    lost: tuple[LeftOut, ...] = ()
 
     @property
     def blurred(self) -> bool:
@@ -88,19 +90,20 @@ def prepare(
         law: kind of noise model that is fitted to each channel.
         seen: faults that were found in the data and repaired before.
     """
-    sound, faults, notes = _sound(scenario, recordings)
+    sound, faults, inspected = _sound(scenario, recordings)
     faults = once([*seen, *faults])
     known = [e for e in (*scenario.effects, *(f.effect for f in faults)) if not e.repair]
     stated = {e.id for e in scenario.effects}
     floors = code_floors(scenario, faults)
     observations = observe(scenario, sound, known)
     start, whitened = calibrated(observations, law)
-    prepared = PreparedData(observations, whitened, start, tuple(faults), tuple(notes), floors)
+    said = tuple(faults), inspected.notes, floors, inspected.lost
+    prepared = PreparedData(observations, whitened, start, *said)
     prepared = _with_bits(prepared, known)
     if not floors:  # first: a jump of the readout is a rate that no sensor had
         slips, level = find_readout_jumps(prepared.observations, prepared.start)
-        said = () if DataPoseLabel.id in stated else slips
-        prepared = prepared.over(observe(scenario, level, known), *said) if slips else prepared
+        new = () if DataPoseLabel.id in stated else slips
+        prepared = prepared.over(observe(scenario, level, known), *new) if slips else prepared
     if not floors and DataDrop.id not in stated:
         losses, moved = find_lost_samples(prepared.observations, prepared.start)
         prepared = prepared.over(observe(scenario, moved, known), *losses) if losses else prepared
@@ -161,8 +164,10 @@ def _with_right_stops(
 
 def _sound(
     scenario: Scenario, recordings: Sequence[Recording]
-) -> tuple[tuple[Recording, ...], list[Fault], list[str]]:
-    """The recordings with faults of their columns repaired, those faults, and notes."""
+) -> tuple[tuple[Recording, ...], list[Fault], Inspected]:
+    """The recordings with faults of their columns repaired, those faults, and what their inspection
+    said.
+    """
     inspected = inspect(scenario, recordings)
     faults = list(inspected.faults)
     meant = find_labelling_faults(scenario, inspected.recordings[0])
@@ -175,7 +180,7 @@ def _sound(
     ]
     effects = [*scenario.effects, *(f.effect for f in meant)]
     sound = tuple(undo_labelling_faults(r, scenario, effects) for r in inspected.recordings)
-    return sound, [*meant, *faults], list(inspected.notes)
+    return sound, [*meant, *faults], inspected
 
 
 def averaged_blocks(prepared: PreparedData, block: int) -> PreparedData:

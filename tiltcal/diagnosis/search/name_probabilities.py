@@ -67,6 +67,7 @@ class Row:
 
     coarse_evidence: where the likelihood is coarsened, nats.
     deviation: part of the evidence that the deviation of its form from the textbook's adds, nats.
+    textbook_gain: of its textbook form alone, nats; none where it has no such form.
 
     misfit: whether it is what the nameless causes leave of their laws; imitated: whether it is the
     share of a law without a name that a listed form explains.
@@ -79,6 +80,7 @@ class Row:
     gain: float
     proposal: Proposal | None = None
     deviation: float = 0.0
+    textbook_gain: float = -np.inf
     misfit: bool = False
     imitated: bool = False
 
@@ -134,9 +136,7 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     shown = {n: p for n, p in chance.items() if p > LEAST}
     best = {n: max((r for r in rows if r.name == n), key=lambda r: r.evidence) for n in order}
     first = next(n for n in order if n != UNLISTED)
-    limit = best[first].evidence - SEPARABLE / 2
-    deviates = best[first].deviation != 0
-    as_good = {r.name for r in rows if (r.evidence if deviates else r.plain_evidence) > limit}
+    as_good = {r.name for r in rows if _behind(r, best[first]) < SEPARABLE / 2}
     near = [n for n in order if n not in (first, UNLISTED) and n in as_good]
     more = _needed(chance, {first, *near})
     in_doubt = UNLISTED in more
@@ -153,13 +153,21 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
             (
                 n,
                 float(np.sqrt(min(best[n].gain / whole_gain, 1.0))),
-                float(2 * (top.evidence - best[n].evidence)),
+                2 * min(_behind(r, top) for r in rows if r.name == n),
             )
             for n in rivals
         ),
         in_doubt=in_doubt,
         perhaps=tuple(perhaps),
     )
+
+
+def _behind(row: Row, first: Row) -> float:
+    """How much less a row explains than the first one, nats: by their evidence, in textbook form
+    where the first has that; or by the fit of its textbook form, however many sizes that takes.
+    """
+    evidence = row.evidence if first.deviation else row.plain_evidence
+    return min(first.evidence - evidence, first.gain - row.textbook_gain)
 
 
 def _needed(chance: Mapping[str, float], alike: Collection[str]) -> list[str]:

@@ -103,6 +103,7 @@ def _fitted(state: State, k: int, rows: Sequence[Row], coarse: float) -> Iterato
             evidence=row.evidence + shift,
             coarse_evidence=row.coarse_evidence + shift / coarse,
             gain=row.gain + shift,
+            textbook_gain=row.textbook_gain + shift,
         )
 
 

@@ -150,8 +150,9 @@ def row_of(told: Explanation, prior: float, coarse: float, proposal: Proposal | 
     """An explanation under its own name."""
     evidence, less = told.evidence, told.coarsely(coarse)
     deviation = evidence - told.plain.evidence if told.plain else 0.0
-    name, gain = name_of(told.terms), told.gain / 2
-    return Row(name, evidence + prior, evidence, less, gain, proposal, deviation)
+    name, gain, plain = name_of(told.terms), told.gain / 2, (told.plain or told).gain / 2
+    in_form = plain if told.hypothesis.textbook else -np.inf
+    return Row(name, evidence + prior, evidence, less, gain, proposal, deviation, in_form)
 
 
 def name_of(terms: Sequence[FittedTerm]) -> str:

@@ -15,6 +15,7 @@ from tiltcal.diagnosis.conclusions.fault_findings import finding_of
 from tiltcal.diagnosis.conclusions.finding import in_words, verdict_of
 from tiltcal.diagnosis.conclusions.law_plots import laws_of
 from tiltcal.diagnosis.conclusions.resimulation import Resimulation
+from tiltcal.diagnosis.conclusions.whole_law import _as_left
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
@@ -342,3 +343,14 @@ def test_nothing_tested_comes_before_any_finding():
 
 def test_a_class_names_a_law_that_no_list_has_in_words():
     assert in_words(("acc_K2", "unlisted")) == ["acc_K2", "a law that no list has"]
+
+
+def test_the_size_of_a_step_that_creeps_is_what_it_leaves():
+    """Half at once and half over ten seconds: one half each, whatever their signals look like."""
+    step = CATALOGUE["acc_bias_step"]({"bias_step_x": 0.1, "time": 20.0}, "accel", None)
+    law = Hypothesis(step, ("bias_step_x",))
+    late = Hypothesis(replace(step, values={**step.values, "creep": 10.0}), ("bias_step_x",))
+    terms = [FittedTerm(law, law.names, (0.05,)), FittedTerm(late, law.names, (0.05,), law)]
+    assert _as_left(terms, np.array([[0.7]])).tolist() == [[1.0]]
+    other = FittedTerm(replace(late, alias="acc_drift"), law.names, (0.05,), law)
+    assert _as_left([terms[0], other], np.array([[0.7]])).tolist() == [[0.7]]

@@ -548,3 +548,10 @@ def test_recordings_that_no_diagnosis_can_use_are_refused(truth, sound):
 def test_columns_of_no_sensor_are_reported(truth, sound):
     more = sound.with_columns({"pressure_hPa": np.ones(len(sound))})
     assert any("pressure_hPa" in note for note in inspect(honest(truth), [more]).notes)
+
+
+def test_a_channel_that_never_changes_beside_noisy_ones_is_stuck(truth, sound):
+    dead = rewritten(sound, accel_y_m_s2=np.full(len(sound), 0.02))
+    fault = faults_of(truth, dead)["data_stuck"]
+    assert fault.axes == ("y",)
+    assert fault.effect.value("length") == pytest.approx(np.ptp(sound.time))

@@ -45,7 +45,8 @@ def whole_law(
 
     The signal of the completing terms is projected on the leading term's columns, weighed by the
     noise, without what calibration and other findings may take: the sizes are those of a fit of the
-    leading term alone in the finding's place. Their covariance is that of these sums, and of the
+    leading term alone in the finding's place. Of a step, what creeps beside it is added: it has the
+    size of what it leaves. Their covariance is that of these sums, and of the
     sizes of the law that were left at zero: each may be as large as those that were not, as far as
     the recording does not exclude it.
 
@@ -61,7 +62,8 @@ def whole_law(
     sizes = np.array([t.hypothesis.size(n) for t in inside for n in t.names])
     values = np.array([v for t in inside for v in t.values])
     lead = len(inside[0].names)
-    along = np.hstack([np.eye(lead), _coordinates(columns[:, :lead], columns[:, lead:])])
+    completing = _coordinates(columns[:, :lead], columns[:, lead:])
+    along = np.hstack([np.eye(lead), _as_left(inside, completing)])
     covariance = _covariance(fitted, places) / np.outer(sizes, sizes)
     variance = np.diag(along @ covariance @ along.T)
     size = float(np.sqrt(np.mean((along @ (values / sizes)) ** 2)))
@@ -84,6 +86,21 @@ def whole_law(
         [float(s @ total) / energy for s in signals],
         tuple(n for n, u in zip(zero.names, untold, strict=True) if u),
     )
+
+
+def _as_left(inside: Sequence[FittedTerm], completing: Array) -> Array:
+    """What each size of the completing terms adds to those of the leading one, (q, p): the same
+    size of a step that creeps is the step in the end, whatever its signal is like before.
+
+    Args:
+        inside: the terms of a finding; completing: coordinates of their signals, (q, p).
+    """
+    law, found = inside[0], completing.copy()
+    places = [(t, name) for t in inside[1:] for name in t.names]
+    for k, (term, name) in enumerate(places):
+        if law.hypothesis.is_step and term.hypothesis.id == law.hypothesis.id and name in law.names:
+            found[:, k] = np.equal(law.names, name)
+    return found
 
 
 def _unused(term: FittedTerm) -> FittedTerm:

@@ -36,7 +36,7 @@ def stuck_values(
     found = []
     for axis in fine:
         rows, time, values = column_values(recording, sensor, axis)
-        if len(values) < 32:
+        if len(values) < FEWEST:
             continue
         first, last = runs_of(np.diff(values) == 0)
         runs = np.sort(last - first)
@@ -49,6 +49,10 @@ def stuck_values(
             for a, b in zip(first, last, strict=True)
             if b - a >= least and not _at_end(values, values[a])
         ]
+        if np.ptp(values) == 0 and any(
+            _is_noisy(recording, sensor, other) for other in fine if other != axis
+        ):
+            long = [(0, len(values))]
         if not long:
             continue
         a, b = max(long, key=lambda run: run[1] - run[0])
@@ -71,8 +75,15 @@ def stuck_values(
     return recording, found
 
 
+FEWEST = 32  # samples that repeats are told from
 FINE = 0.1
 """Chance of a repeat on one axis up to which codes are fine: a third of the noise."""
+
+
+def _is_noisy(recording: Recording, sensor: Sensor, axis: str) -> bool:
+    """Whether a channel varies by more than its codes: one that never does is dead beside it."""
+    _, _, values = column_values(recording, sensor, axis)
+    return len(values) > 2 and float(np.ptp(values)) > 0 and repeat_chance(values) < FINE
 
 
 def _at_end(values: Array, value: float) -> bool:
@@ -191,6 +202,8 @@ def repeated_samples(
     again, expected, columns = [], [], []
     for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)
+        if len(values) < FEWEST:
+            continue
         columns.append((axis, rows, values))
         again.append(np.concatenate([[False], np.diff(values) == 0]))
         expected.append(min(repeat_chance(values), 1.0))

@@ -427,6 +427,37 @@ def test_a_name_that_explains_as_much_only_where_it_deviates_is_no_equal(first, 
     assert name_probabilities([likely, less]).alike == alike
 
 
+def test_a_textbook_form_that_fits_as_well_is_in_the_class_however_many_sizes_it_takes():
+    """Two more sizes cost 20 nats of evidence and no fit; a curve that fits better has no form."""
+    likely = Row("a", 95.0, 100.0, 100.0, 100.0, textbook_gain=100.0)
+    more = Row("b", 75.0, 80.0, 80.0, 100.1, textbook_gain=100.1)
+    worse = Row("c", 75.0, 80.0, 80.0, 93.9, textbook_gain=93.9)
+    curve = Row("d", 75.0, 80.0, 80.0, 110.0)
+    names = name_probabilities([likely, more, worse, curve])
+    assert set(names.alike) == {"a", "b"}
+    assert {n: s for n, _, s in names.rivals} == pytest.approx({"b": -0.2, "c": 12.2, "d": 40.0})
+
+
+def test_a_column_that_the_others_all_but_hold_has_no_evidence_for_what_it_explains():
+    """Whatever deviance it takes off the fit is its price: two curves that nearly cancel are no
+    cause.
+    """
+    info, raw = np.array([400.0, 0.1]), np.array([400.0, 400.0])
+    selection = ColumnSelection(
+        np.diag(info), np.array([200.0, 6.0]), raw, np.array([True, False]), np.ones((1, 2)), True
+    )
+    selection.take_sizes([0])
+    selection.take_deviation([1], 1)
+    assert selection.numbers[1].gain == pytest.approx(360.0)
+    assert selection.numbers[1].evidence == pytest.approx(-np.log(2))
+
+
+def test_a_size_is_plausible_up_to_its_widest_prior():
+    """Ten plausible sizes: here 0.1 sigma each."""
+    assert NumberEvidence(0.9, np.array([1e-4, 1.0])).plausible
+    assert not NumberEvidence(4.0, np.array([1e-4, 1.0])).plausible
+
+
 @pytest.mark.parametrize(
     ("probabilities", "perhaps"),
     [

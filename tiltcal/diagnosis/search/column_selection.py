@@ -114,12 +114,11 @@ class ColumnSelection:
         return i
 
     def _take(self, i: int, widths: Array, price: float = 0.0) -> None:
-        """Take in a column, with its evidence less its price; one that cannot be seen says
-        nothing.
+        """Take in a column, with its evidence less its price. One of which the others leave next to
+        nothing has no evidence, whatever it explains.
         """
-        info, there = self._info()
-        gain = float(self._b[i] ** 2 / info[i]) if there[i] else 0.0
-        ratio = widths[:, i] if there[i] else np.zeros(len(widths))
+        gain = float(self._b[i] ** 2 / self._G[i, i]) if self._G[i, i] > 0 else 0.0
+        ratio = widths[:, i] if self._info()[1][i] else np.zeros(len(widths))
         self.numbers.append(NumberEvidence(gain, ratio, price, needed=not self.used))
         self.used.append(i)
         if self._G[i, i] > 0:

@@ -17,7 +17,6 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.cosine_basis import projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
 from tiltcal.diagnosis.model.normal_equations import NormalEquations, normal_equations
-from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import (
     ANY_SHARE,
@@ -175,10 +174,9 @@ def _deviations(alike: Mask) -> Array:
 
 
 def _own_part(basis: Sequence[Array], column: Columns, lengths: Sequence[int]) -> Array:
-    """A column without its part in a basis, (n,); nothing where next to nothing is left."""
+    """A column without its part in a basis, (n,)."""
     rest = projected(basis, column, lengths)
-    whole = np.concatenate([rest[i] for i in range(len(lengths))])
-    return whole if whole @ whole >= SURVIVES * _energy(column) else np.zeros_like(whole)
+    return np.concatenate([rest[i] for i in range(len(lengths))])
 
 
 def _energy(column: Columns) -> float:

@@ -67,7 +67,8 @@ class Row:
 
     coarse_evidence: where the likelihood is coarsened, nats.
     deviation: part of the evidence that the deviation of its form from the textbook's adds, nats.
-    textbook_gain: of its textbook form alone, nats; none where it has no such form.
+    textbook_gain: of its textbook form alone, nats; none where it has no such form, or not at
+        sizes that its prior allows.
 
     misfit: whether it is what the nameless causes leave of their laws; imitated: whether it is the
     share of a law without a name that a listed form explains.

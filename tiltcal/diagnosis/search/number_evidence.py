@@ -33,6 +33,11 @@ class NumberEvidence:
         """Log Bayes factor less its price, nats."""
         return self._less(1.0)
 
+    @property
+    def plausible(self) -> bool:
+        """Whether it is at most one standard deviation of its widest prior."""
+        return self.gain <= float(self.ratio.max(initial=0.0))
+
     def at(self, coarse: float) -> float:
         """The same where the likelihood is raised to the power 1/coarse, nats. A number that is not
         worth its price there is not in use.

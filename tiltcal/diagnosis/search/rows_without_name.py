@@ -150,9 +150,10 @@ def row_of(told: Explanation, prior: float, coarse: float, proposal: Proposal | 
     """An explanation under its own name."""
     evidence, less = told.evidence, told.coarsely(coarse)
     deviation = evidence - told.plain.evidence if told.plain else 0.0
-    name, gain, plain = name_of(told.terms), told.gain / 2, (told.plain or told).gain / 2
-    in_form = plain if told.hypothesis.textbook else -np.inf
-    return Row(name, evidence + prior, evidence, less, gain, proposal, deviation, in_form)
+    name, gain, plain = name_of(told.terms), told.gain / 2, told.plain or told
+    in_form = plain.hypothesis.textbook and all(n.plausible for n in plain.numbers)
+    textbook = plain.gain / 2 if in_form else -np.inf
+    return Row(name, evidence + prior, evidence, less, gain, proposal, deviation, textbook)
 
 
 def name_of(terms: Sequence[FittedTerm]) -> str:

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -137,3 +138,24 @@ def test_a_fog_turned_by_hand_is_predicted_from_the_gyro(here):
     # within half a spline's support of the ends there is one side only
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4 * np.abs(expected).max())
     np.testing.assert_allclose(model.column("gyro_x_deg_s"), rate[:, 0], rtol=0, atol=1e-6)
+
+
+@pytest.mark.usefixtures("here")
+def test_no_file_is_written_over_another_of_the_same_command(good, capsys):
+    bench = str(good / "bench.toml")
+    assert main(["simulate", bench, "-o", "run.csv"]) == 0
+    before = Path("run.csv").read_bytes()
+    for option in ("--motion", "--truth"):
+        assert main(["simulate", bench, option, "run.csv", "-o", "./run.csv"]) == 2
+        assert f"the file of {option} as well" in capsys.readouterr().err
+    assert Path("run.csv").read_bytes() == before
+
+
+@pytest.mark.usefixtures("here")
+def test_a_mounting_that_is_none_is_refused_by_the_name_of_its_recording(good, capsys):
+    bench = str(good / "bench.toml")
+    assert main(["simulate", bench, "-o", "run.csv"]) == 0
+    text = Path("run.csv").read_text(encoding="utf-8")
+    Path("bad.csv").write_text(f"# mount: upside down\n{text}", encoding="utf-8")
+    assert main(["simulate", bench, "--motion", "bad.csv", "-o", "predicted.csv"]) == 2
+    assert "bad.csv, mount 'upside down'" in capsys.readouterr().err

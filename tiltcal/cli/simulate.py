@@ -1,7 +1,8 @@
 """``tiltcal simulate``."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,6 +12,7 @@ from cyclopts import Parameter
 from tiltcal.api.simulating import pieces_of, seed_used, truth_table
 from tiltcal.cli.options import DEFAULT_BUDGET, SEED, Json, MoreBudget, ScenarioFile
 from tiltcal.cli.output import print_json, progress_line, require_output, stdout_bytes, tell
+from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import replacing, write_json
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.csv_files import csv_writer
@@ -56,6 +58,7 @@ def simulate(
     """
     budget.apply()
     require_output("simulate", output, as_json, "the recording")
+    _require_different({"-o": output, "--motion": motion, "--truth": truth})
     scenario = load_scenario(scenario_file)
     used = seed_used(scenario, noise == "on", seed)
     replayed = read_recording(motion) if motion else None
@@ -66,6 +69,19 @@ def simulate(
                 write_json(truth_file, truth_table(scenario, used))
             _write(pieces, output, as_json)
     return 0
+
+
+def _require_different(files: Mapping[str, Path | None]) -> None:
+    """Refuse options that name one file: one would overwrite the other."""
+    named = [(option, path) for option, path in files.items() if path is not None]
+    for (one, path), (other, second) in combinations(named, 2):
+        if path.absolute() == second.absolute():
+            raise TiltcalError(
+                f"simulate {one} {path}",
+                found=f"the file of {other} as well",
+                need="a file for each",
+                do=f"give {one} another name",
+            )
 
 
 def _write(pieces: Iterator[Recording], output: Path | None, as_json: bool) -> None:

@@ -170,7 +170,8 @@ def replay(
                 f"{recording.source}",
                 found=f"no column {angle_channel(axis)}_<unit>",
                 need=f"the readout of the {setup.rig.table} table",
-                do="record it, or label the poses" + other_tables(recording, setup.rig.table),
+                do="record it (of labelled poses only `calibrate` knows the attitudes)"
+                + other_tables(recording, setup.rig.table),
             )
         _require_unit(recording, setup, axis)
         read = ~np.isnan(angle)
@@ -182,9 +183,18 @@ def replay(
     reference = (
         float(np.mean(temperature)) if reference_temperature is None else reference_temperature
     )
-    mounts = tuple(parse_mounts(recording.metadata.get("mount", setup.rig.mount)))
+    mounts = tuple(_mounts(recording, setup))
     stop = numbered_stops(recording.time, angles)
     return Replay(recording.time, angles, known, temperature, reference, mounts, stop)
+
+
+def _mounts(recording: Recording, setup: Setup) -> list[tuple[float, Array]]:
+    """(from time, R_mount), as the recording's metadata has them, or else the set-up."""
+    try:
+        return parse_mounts(recording.metadata.get("mount", setup.rig.mount))
+    except TiltcalError as e:
+        where = f"{recording.source}, {e.subject}" if "mount" in recording.metadata else e.subject
+        raise TiltcalError(where, found=e.found, need=e.need, do=e.do) from None
 
 
 def _require_unit(recording: Recording, setup: Setup, axis: str) -> None:

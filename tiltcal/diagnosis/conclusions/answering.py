@@ -2,16 +2,12 @@
 which nothing can be tested.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.conclusions.calibration_notes import (
-    AT_ONE_POINT,
-    implausible,
-    of_one_operating_point,
-)
+from tiltcal.diagnosis.conclusions.calibration_notes import implausible, untested_of
 from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, undetectable_of
 from tiltcal.diagnosis.conclusions.fault_findings import backward, finding_of, repeated
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Fitness, verdict_of
@@ -61,7 +57,7 @@ def untested(prepared: PreparedData) -> Diagnosis:
         verdict_of(faults, False),
         summary(faults, "cannot_tell", reason),
         faults,
-        (*prepared.notes, *repeated(prepared.lost)),
+        _notes_of(prepared),
         before=figures,
         after=figures,
         amended=amended_of(start, observations, prepared.faults, {}),
@@ -93,12 +89,10 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     nameless = (*nameless_findings(said), *backward(prepared.lost, observations.scenario.sensor))
     findings = (*(finding_of(f) for f in faults), *lawful, *nameless)
     numbers = {place: len(faults) + rank for rank, k in enumerate(order, 1) for place in groups[k]}
-    doubt = _doubts_of(said)
-    if not findings and of_one_operating_point(observations, prepared.start.rank):
-        doubt.append(AT_ONE_POINT)
+    doubt = _doubts_of(said, () if findings else untested_of(observations, prepared.start.rank))
     verdict = verdict_of(findings, tested := last.chi2_per_dof is not None, bool(doubt))
-    source = "the recording itself" if gate.static is None else "the static record"
-    noise = noise_report(observations, left, gate.noise(fitted, whitened), source)
+    noise = noise_report(observations, left, gate.noise(fitted, whitened), gate.source)
+    noise_words = f"the noise was taken from {gate.source}", *noise.notes
     reason = untold(observations.scenario.rig, observations.samples, fitted.rank)
     if tested:
         reason = " ".join(doubt)
@@ -109,14 +103,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
         verdict,
         told,
         findings,
-        (
-            *prepared.notes,
-            *repeated(prepared.lost),
-            f"the noise was taken from {source}",
-            *noise.notes,
-            *implausible(fitted),
-            *doubt,
-        ),
+        (*_notes_of(prepared), *noise_words, *implausible(fitted), *doubt),
         undetectable_of(fitted, said.whitened),
         first,
         last,
@@ -128,11 +115,18 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     return answer, began
 
 
-def _doubts_of(said: Explained) -> list[str]:
-    """What is more probable than not, and not probable enough to be claimed; nothing without."""
+def _doubts_of(said: Explained, untested: Sequence[str]) -> list[str]:
+    """What is more probable than not, and not probable enough to be claimed, and what was not
+    tested; nothing without.
+    """
     causes = [(law_name(d.law.effect), d.probability) for d in said.doubts]
     told = [*causes, *nameless_doubts(said)]
-    return [doubted(told)] if told else []
+    return [*([doubted(told)] if told else []), *untested]
+
+
+def _notes_of(prepared: PreparedData) -> tuple[str, ...]:
+    """What is no mismatch of the recordings."""
+    return (*prepared.notes, *repeated(prepared.lost))
 
 
 def _held_out(model: FittedModel, white: WhitenedModel) -> list[Array]:

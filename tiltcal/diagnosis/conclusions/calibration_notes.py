@@ -13,15 +13,17 @@ AT_ONE_POINT = (
 )
 
 
-def of_one_operating_point(observations: Observations, rank: int) -> bool:
-    """Whether all is at rest, at so few stops that the fitted parameters take up every mean.
+def untested_of(observations: Observations, rank: int) -> list[str]:
+    """What was not tested, where all is at rest, at so few stops that the fitted parameters take up
+    every mean.
 
     Args:
         observations: what was read; rank: independent parameters fitted to it.
     """
     stops = [channel.stop for channel in observations.channels]
     still = observations.scenario.rig.axes and all(bool((stop >= 0).all()) for stop in stops)
-    return bool(still) and sum(len(np.unique(stop)) for stop in stops) <= rank
+    few = sum(len(np.unique(stop)) for stop in stops) <= rank
+    return [AT_ONE_POINT] if still and few else []
 
 
 def implausible(fitted: FittedModel) -> list[str]:

@@ -57,6 +57,11 @@ class NoiseGate:
     static: tuple[NoiseFit, ...] | None
     total: int
 
+    @property
+    def source(self) -> str:
+        """Where the noise is taken from, in words."""
+        return "the recording itself" if self.static is None else "the static record"
+
     def noise(self, fitted: FittedModel, whitened: WhitenedModel) -> list[NoiseFit]:
         """The noise when the whole fitted model may be true."""
         return (

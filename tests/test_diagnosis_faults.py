@@ -17,7 +17,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.diagnosis.conclusions.calibration_notes import implausible
 from tiltcal.diagnosis.data.channels import repeat_chance
 from tiltcal.diagnosis.data.observations import Channel
-from tiltcal.diagnosis.data_quality.inspection import inspect
+from tiltcal.diagnosis.data_quality.inspection import LeftOut, by_recording, inspect
 from tiltcal.diagnosis.data_quality.lost_samples import lost_as_another
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.data_quality.readout_jumps import jump_of
@@ -207,7 +207,10 @@ def test_stamps_that_repeat_may_be_rounded_and_are_noted(truth, sound):
 
     found = diagnose(honest(truth), [with_times(sound, repeat)])
     assert (found.findings, found.verdict) == ((), "match")
-    assert any("row(s) whose time repeats, the first at data row 101" in n for n in found.notes)
+    assert any(
+        "row(s) whose time repeats or is missing, the first at data row 101" in n
+        for n in found.notes
+    )
 
 
 def test_what_was_mended_leaves_the_rest_as_it_was(truth, sound):
@@ -535,8 +538,11 @@ def test_recordings_that_no_diagnosis_can_use_are_refused(truth, sound):
     scenario = honest(truth)
     with pytest.raises(TiltcalError, match="each recording once"):
         diagnose(scenario, [sound, sound])
-    with pytest.raises(TiltcalError, match="a table that stops"):
+    with pytest.raises(TiltcalError, match=r"moves and stops \d+ times"):
         diagnose(scenario, [sound], static=sound)
+    turning = rewritten(sound, table_outer_deg=np.linspace(0.0, 300.0, len(sound)))
+    with pytest.raises(TiltcalError, match="moves and stops 0 times"):
+        diagnose(scenario, [sound], static=turning)
     other = {n.replace("accel", "acc"): sound.column(n) for n in sound.column_names}
     with pytest.raises(TiltcalError, match="did you mean 'acc_x_m_s2'"):
         diagnose(scenario, [Recording.from_columns(sound.time, other)])
@@ -555,3 +561,8 @@ def test_a_channel_that_never_changes_beside_noisy_ones_is_stuck(truth, sound):
     fault = faults_of(truth, dead)["data_stuck"]
     assert fault.axes == ("y",)
     assert fault.effect.value("length") == pytest.approx(np.ptp(sound.time))
+
+
+def test_rows_left_out_of_the_pieces_of_one_recording_are_said_once():
+    pieces = [LeftOut(9, 2, 1, "a.csv"), LeftOut(700, 3, 0, "a.csv"), LeftOut(4, 1, 0, "b.csv")]
+    assert by_recording(pieces) == [LeftOut(9, 5, 1, "a.csv"), LeftOut(4, 1, 0, "b.csv")]

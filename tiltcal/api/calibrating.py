@@ -54,9 +54,7 @@ def estimate(
         )
     else:
         calibration = run_method(method, recording, scenario, **options)
-    unknown = recording.unknown(scenario.sensor)
-    if unknown:
-        note = "columns that belong to no sensor of the scenario are ignored: " + ", ".join(unknown)
+    if note := recording.ignored_columns(scenario.sensor):
         calibration = replace(calibration, warnings=[*calibration.warnings, note])
     if averaging := averaging_note(recording):
         calibration = replace(calibration, warnings=[*calibration.warnings, averaging])

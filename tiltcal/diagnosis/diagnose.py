@@ -180,7 +180,9 @@ def _prepared(
     """The recordings with their faults repaired, and those that were found when they were read."""
     seen = [fault for r in given for fault in r.faults]
     prepared = prepare(scenario, [r.recording for r in given], noise, seen)
-    return replace(prepared, lost=(*(rows for r in given for rows in r.lost), *prepared.lost))
+    return replace(
+        prepared, left_out=(*(rows for r in given for rows in r.left_out), *prepared.left_out)
+    )
 
 
 def _saying(answer: Diagnosis, given: Sequence[LongRecording]) -> Diagnosis:

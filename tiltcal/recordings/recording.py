@@ -244,6 +244,12 @@ class Recording(Tabular):
         ]
         return strange + list(self.extra)
 
+    def ignored_columns(self, sensors: Iterable[Sensor]) -> str:
+        """A note of the unknown columns; empty without any."""
+        unknown = ", ".join(self.unknown(sensors))
+        words = f"columns that belong to no sensor of the scenario are ignored: {unknown}"
+        return words if unknown else ""
+
     def as_columns(self) -> Mapping[str, Array | Labels]:
         """The columns of its file, (n,) each; numbers as written, NaN where not sampled."""
         numbers = {name: self.column(name) for name in self.column_names}

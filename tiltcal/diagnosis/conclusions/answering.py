@@ -9,8 +9,12 @@ from typing import Any
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.conclusions.calibration_notes import implausible, untested_of
 from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, undetectable_of
-from tiltcal.diagnosis.conclusions.fault_findings import backward, finding_of, repeated
-from tiltcal.diagnosis.conclusions.finding import Diagnosis, Fitness, verdict_of
+from tiltcal.diagnosis.conclusions.fault_findings import (
+    finding_of,
+    repeated_stamps,
+    time_going_back,
+)
+from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, Fitness, verdict_of
 from tiltcal.diagnosis.conclusions.fit_figures import fitness_of, rms_of, under_fixed_white
 from tiltcal.diagnosis.conclusions.law_plots import laws_of
 from tiltcal.diagnosis.conclusions.nameless_findings import nameless_doubts, nameless_findings
@@ -48,8 +52,7 @@ def testable(prepared: PreparedData) -> bool:
 def untested(prepared: PreparedData) -> Diagnosis:
     """The answer where nothing can be tested: faults of the data, and what to record."""
     observations, start = prepared.observations, prepared.start
-    sensors = observations.scenario.sensor
-    faults = (*(finding_of(f) for f in prepared.faults), *backward(prepared.lost, sensors))
+    faults = (*(finding_of(f) for f in prepared.faults), *_time_of(prepared))
     reason = untold(observations.scenario.rig, observations.samples, start.rank)
     figures = Fitness(None, rms_of(observations, start.effects))
     left = observations.residuals(start.effects)
@@ -86,7 +89,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     found = findings_of(said, whitened, log_p)
     order = sorted(range(len(found)), key=lambda k: found[k].delta_bic)
     lawful = (replace(found[k], laws=laws[k]) for k in order)
-    nameless = (*nameless_findings(said), *backward(prepared.lost, observations.scenario.sensor))
+    nameless = (*nameless_findings(said), *_time_of(prepared))
     findings = (*(finding_of(f) for f in faults), *lawful, *nameless)
     numbers = {place: len(faults) + rank for rank, k in enumerate(order, 1) for place in groups[k]}
     doubt = _doubts_of(said, () if findings else untested_of(observations, prepared.start.rank))
@@ -124,9 +127,14 @@ def _doubts_of(said: Explained, untested: Sequence[str]) -> list[str]:
     return [*([doubted(told)] if told else []), *untested]
 
 
+def _time_of(prepared: PreparedData) -> list[Finding]:
+    """Where time goes back in the recordings."""
+    return time_going_back(prepared.left_out, prepared.observations.scenario.sensor)
+
+
 def _notes_of(prepared: PreparedData) -> tuple[str, ...]:
     """What is no mismatch of the recordings."""
-    return (*prepared.notes, *repeated(prepared.lost))
+    return (*prepared.notes, *repeated_stamps(prepared.left_out))
 
 
 def _held_out(model: FittedModel, white: WhitenedModel) -> list[Array]:

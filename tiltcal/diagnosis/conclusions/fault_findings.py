@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
 from tiltcal.diagnosis.conclusions.parts import part_of
 from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.inspection import LeftOut
+from tiltcal.diagnosis.data_quality.inspection import LeftOut, by_recording
 from tiltcal.setup.sensor import Sensor
 
 
-def backward(lost: Sequence[LeftOut], sensors: Sequence[Sensor]) -> list[Finding]:
+def time_going_back(left_out: Sequence[LeftOut], sensors: Sequence[Sensor]) -> list[Finding]:
     """Time that goes back, as findings: no effect of the catalogue states it, so that they have no
     part in the amended scenario.
     """
@@ -25,14 +25,14 @@ def backward(lost: Sequence[LeftOut], sensors: Sequence[Sensor]) -> list[Finding
             next_measurement="look at the file and at what wrote it",
             probability=1.0,
         )
-        for rows in lost
+        for rows in by_recording(left_out)
         if rows.back
     ]
 
 
-def repeated(lost: Sequence[LeftOut]) -> list[str]:
+def repeated_stamps(left_out: Sequence[LeftOut]) -> list[str]:
     """Stamps that only repeat, as notes: they may be rounded."""
-    return [rows.words for rows in lost if not rows.back]
+    return [rows.words for rows in by_recording(left_out) if not rows.back]
 
 
 def _or_another(fault: Fault) -> str:

@@ -17,7 +17,7 @@ class Fault:
         names: ids that could be meant as well, itself first.
         words: what was seen.
         sigma: standard uncertainty of the sizes, by name, SI.
-        p_value: of the test that found it, at most.
+        p_value: of the test that found it; CHANCE where it has none of its own.
     """
 
     effect: Effect

@@ -1,7 +1,7 @@
 """Faults that can be seen in the columns themselves, and recordings without them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,8 +18,6 @@ from tiltcal.effects.electronics.converter import AdcStuckBit
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 
-UNKNOWN = "columns that belong to no sensor of the scenario are not used:"
-
 
 @dataclass(frozen=True)
 class Inspected:
@@ -29,13 +27,13 @@ class Inspected:
         recordings: repaired.
         faults: found; their effects are not in the scenario yet.
         notes: what is no mismatch but worth saying.
-        lost: rows that were left out because their stamps do not increase.
+        left_out: rows that were left out because their stamps do not increase.
     """
 
     recordings: tuple[Recording, ...]
     faults: tuple[Fault, ...] = ()
     notes: tuple[str, ...] = ()
-    lost: tuple["LeftOut", ...] = ()
+    left_out: tuple["LeftOut", ...] = ()
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ class LeftOut:
     @property
     def words(self) -> str:
         """As a note, or what is said of a finding."""
-        what = "goes back or repeats" if self.back else "repeats"
+        what = "goes back or repeats" if self.back else "repeats or is missing"
         return (
             f"{self.source}: {self.count} row(s) whose time {what}, the first at data row"
             f" {self.row}; they are left out"
@@ -70,13 +68,13 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
     known = {(e.id, e.sensor) for e in scenario.effects}
     faults: list[Fault] = []
     notes: list[str] = []
-    lost: list[LeftOut] = []
+    left_out: list[LeftOut] = []
     repaired = []
     for recording in recordings:
-        if unknown := recording.unknown(scenario.sensor):
-            notes.append(f"{recording.source}: {UNKNOWN} {', '.join(unknown)}")
+        if ignored := recording.ignored_columns(scenario.sensor):
+            notes.append(f"{recording.source}: {ignored}")
         recording, rows = in_order(recording)
-        lost += rows
+        left_out += rows
         of_readout = (*truncated_angles(recording, scenario), *held_readout(recording, scenario))
         faults += [f for f in of_readout if (f.effect.id, None) not in known]
         for sensor in scenario.sensor:
@@ -102,7 +100,18 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
                     if not f.ids & {id for id, name in known if name == sensor.name}
                 ]
         repaired.append(recording)
-    return Inspected(tuple(repaired), tuple(once(faults)), tuple(notes), tuple(lost))
+    return Inspected(tuple(repaired), tuple(once(faults)), tuple(notes), tuple(left_out))
+
+
+def by_recording(left_out: Sequence[LeftOut]) -> list[LeftOut]:
+    """Rows that were left out, those of one recording together: a long one is read in pieces."""
+    found: dict[str, LeftOut] = {}
+    for rows in left_out:
+        first = found.setdefault(rows.source, replace(rows, count=0, back=0))
+        found[rows.source] = replace(
+            first, count=first.count + rows.count, back=first.back + rows.back
+        )
+    return list(found.values())
 
 
 def once(faults: Sequence[Fault]) -> list[Fault]:
@@ -129,11 +138,11 @@ def in_order(
     highest = np.maximum.accumulate(np.where(good, time, last))
     earlier = np.concatenate([[last], np.maximum(highest[:-1], last)])
     keep = good & (time > earlier)
-    lost = int((~keep).sum())
-    if lost == 0:
+    count = int((~keep).sum())
+    if count == 0:
         return recording, []
     back = int((good & (time < earlier)).sum())
-    rows = LeftOut(before + int(np.argmin(keep)) + 1, lost, back, recording.source)
+    rows = LeftOut(before + int(np.argmin(keep)) + 1, count, back, recording.source)
     columns = {name: recording.column(name)[keep] for name in recording.column_names}
     labels = None if recording.labels is None else recording.labels[keep]
     return Recording.from_columns(

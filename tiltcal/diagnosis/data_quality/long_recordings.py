@@ -60,13 +60,13 @@ class LongRecording:
     Args:
         recording: averages over spans, or its beginning, sample by sample.
         faults: of its samples that were found and repaired.
-        lost: rows that were left out because their stamps do not increase.
+        left_out: rows that were left out because their stamps do not increase.
         said: how it was read, where not sample by sample.
     """
 
     recording: Recording
     faults: tuple[Fault, ...] = ()
-    lost: tuple[LeftOut, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
     said: str = ""
 
 
@@ -96,9 +96,9 @@ def read_long(
     ):
         return read_beginning(path, f"what they show would be lost in averages over {spans.words}")
     stages, rows = Stages(progress, SHARES), estimated_rows(path)
-    lost: list[LeftOut] = []
+    left_out: list[LeftOut] = []
     stages.begin(AVERAGING)
-    read = _told(_parts(path, spans, lost), rows, stages.part)
+    read = _told(_parts(path, spans, left_out), rows, stages.part)
     raw = joined([averaged(part, spans) for part in read])
     meant = find_labelling_faults(scenario, raw)
     stages.begin(RESIDUALS)
@@ -112,7 +112,7 @@ def read_long(
     whole = replace(whole, origin=_fingerprint(path))
     forget_replays()  # of the parts
     faults = once([*meant, *(f for _, found in parts for f in found)])
-    return LongRecording(whole, tuple(faults), tuple(lost), averaging_note(raw) or "")
+    return LongRecording(whole, tuple(faults), tuple(left_out), averaging_note(raw) or "")
 
 
 def _told(parts: Iterable[Recording], rows: int, part: Part) -> Iterator[Recording]:
@@ -148,34 +148,34 @@ def read_beginning(path: Path, why: str) -> LongRecording:
     Raises:
         TiltcalError: as ``read_pieces`` does.
     """
-    lost: list[LeftOut] = []
-    pieces, kept = _onward(read_pieces(path, ordered=False), lost), list[Recording]()
+    left_out: list[LeftOut] = []
+    pieces, kept = _onward(read_pieces(path, ordered=False), left_out), list[Recording]()
     while sum(len(p) for p in kept) <= LONGEST and (piece := next(pieces, None)) is not None:
         kept.append(piece)
     recording = joined(kept)
     if len(recording) <= LONGEST:
-        return LongRecording(recording, (), tuple(lost))
+        return LongRecording(recording, (), tuple(left_out))
     recording = part_of(recording, 0, LONGEST)
     words = (
         f"{recording.source}: only the first {np.ptp(recording.time):.6g} s were read, sample by"
         f" sample: {why}"
     )
-    return LongRecording(recording, (), tuple(lost), words)
+    return LongRecording(recording, (), tuple(left_out), words)
 
 
-def _parts(path: Path, spans: Spans, lost: list[LeftOut]) -> Iterator[Recording]:
+def _parts(path: Path, spans: Spans, left_out: list[LeftOut]) -> Iterator[Recording]:
     """Parts of a file that end where a span ends, of about ``PART`` rows; rows whose time goes back
     are left out, and told.
     """
-    return whole_spans(_onward(read_pieces(path, ordered=False), lost), spans, PART)
+    return whole_spans(_onward(read_pieces(path, ordered=False), left_out), spans, PART)
 
 
-def _onward(pieces: Iterable[Recording], lost: list[LeftOut]) -> Iterator[Recording]:
-    """Pieces without the rows whose time goes back, which are added to those that are lost."""
+def _onward(pieces: Iterable[Recording], left_out: list[LeftOut]) -> Iterator[Recording]:
+    """Pieces without the rows whose time goes back, which are added to those left out."""
     last, rows = -np.inf, 0
     for piece in pieces:
         sound, out = in_order(piece, last, rows)
-        lost += out
+        left_out += out
         rows += len(piece)
         if len(sound):
             last = float(sound.time[-1])

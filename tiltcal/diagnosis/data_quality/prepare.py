@@ -49,7 +49,7 @@ class PreparedData:
     Args:
         faults: found in the data; notes: what is no mismatch.
         floors: size, SI, of what coarse codes do to a sensor's misfit, by sensor.
-        lost: rows that were left out because their stamps do not increase.
+        left_out: rows that were left out because their stamps do not increase.
     """
 
     observations: Observations
@@ -58,7 +58,7 @@ class PreparedData:
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
     floors: Mapping[str, float] = field(default_factory=dict)
-    lost: tuple[LeftOut, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
 
     @property
     def blurred(self) -> bool:
@@ -97,7 +97,7 @@ def prepare(
     floors = code_floors(scenario, faults)
     observations = observe(scenario, sound, known)
     start, whitened = calibrated(observations, law)
-    said = tuple(faults), inspected.notes, floors, inspected.lost
+    said = tuple(faults), inspected.notes, floors, inspected.left_out
     prepared = PreparedData(observations, whitened, start, *said)
     prepared = _with_bits(prepared, known)
     if not floors:  # first: a jump of the readout is a rate that no sensor had

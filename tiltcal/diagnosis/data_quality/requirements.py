@@ -58,10 +58,10 @@ def _require_rest(scenario: Scenario, static: Recording) -> None:
     if not read or known.sum() < 2:
         return
     stops = numbered_stops(static.time[known], {axis: a[known] for axis, a in read.items()})
-    if stops.max() > 0:
+    if stops.max() != 0:
         raise TiltcalError(
             static.source,
-            found=f"a table that stops {stops.max() + 1} times",
+            found=f"a table that moves and stops {stops.max() + 1} times",
             need="a record at rest (--static), in which it stands still",
             do="cut it to one rest, or leave --static out: the noise is then taken from the"
             " recording",

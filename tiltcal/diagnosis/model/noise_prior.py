@@ -14,7 +14,6 @@ from math import exp, log, log1p, sqrt
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.sensor.noise import largest_slow_noise, worst_grade
@@ -55,14 +54,10 @@ class AxisPrior:
         kind = observations.scenario.named(channel.sensor).kind
         return cls(rate, count, (worst_grade(kind), largest_slow_noise(kind)))
 
-    def above_grades(self, model: NoiseModel) -> Array:
+    def above(self, model: NoiseModel) -> list[list[float]]:
         """Flicker and random walk over those of the worst grade, beside the same white noise and by
         their size, (2, 2); 0 where there is no grade.
         """
-        return np.array(self.above(model))
-
-    def above(self, model: NoiseModel) -> list[list[float]]:
-        """As ``above_grades``, in plain numbers."""
         if self.worst is None:
             return [[0.0, 0.0], [0.0, 0.0]]
         white = sqrt(float(model.density(FASTEST)[0]) / self.rate_hz)

@@ -62,7 +62,7 @@ def slow_variations(
             hidden = axis.level(fits[i].model) < np.log(floors.get(channel.sensor) or NOTHING)
             if channel.derived or hidden:
                 continue
-            above = axis.above_grades(fits[i].model).min(axis=0) * _share(fits[i])
+            above = np.min(axis.above(fits[i].model), axis=0) * _share(fits[i])
             large, (unlike, times) = above_price(above.tolist()), unlike_others(one, k, together)
             chance = float(expit(large + unlike + np.log(prior)))
             if chance >= least and times >= 1:  # of two axes apart, the one with more

@@ -122,3 +122,32 @@ def test_history_without_a_cause_is_left_out_of_another_recording_but_for_its_me
     assert np.std(other) < 1.5 * noise  # none of the bumps
     mean = np.mean(np.interp(first.time - first.time[0], curve["knots"], bumps))
     assert np.mean(other) == pytest.approx(-mean, abs=0.3 * max(bumps))
+
+
+def hum(phase):
+    return {"id": "mains_pickup", "pickup_y_ug": 300, "frequency_hz": 50.3, "phase_deg": phase}
+
+
+def test_mains_in_one_recording_are_named_and_their_recording_is_told(before):
+    after = recorded(5, hum(40))
+    answer = diagnose(parse_scenario(KNOWN), [before, after], laboratory=LABORATORY)
+    (finding,) = answer.findings
+    assert finding.effect == "mains_pickup"
+    assert finding.where.recording.startswith("in ")
+    value, sigma = finding.parameters["pickup_y_ug"]
+    assert abs(value - 300) < 4 * sigma
+    (amended,) = (e for e in answer.amended["effect"] if e["id"] == "mains_pickup")
+    assert same_recording(amended["seen_in"], after.fingerprint)
+
+
+def test_mains_in_both_recordings_are_one_finding_with_a_phase_for_each():
+    both = [recorded(6, hum(20)), recorded(7, hum(110))]
+    answer = diagnose(parse_scenario(KNOWN), both, laboratory=LABORATORY)
+    (finding,) = answer.findings
+    assert finding.effect == "mains_pickup"
+    assert finding.where.recording is None
+    tones = [e for e in answer.amended["effect"] if e["id"] == "mains_pickup"]
+    seen = {tone["seen_in"].partition("-")[2]: tone["phase_deg"] for tone in tones}
+    assert len(seen) == 2
+    value, sigma = finding.parameters["pickup_y_ug"]
+    assert abs(value - 300) < 4 * sigma

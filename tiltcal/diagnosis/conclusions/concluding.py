@@ -87,7 +87,7 @@ def _finding(
             coordinate_of_effect(effect, scenario),
             harmonic_of(effect, scenario.rig),
             _interval(effect),
-            recording=place_of(effect, observations.recordings),
+            recording=place_of([fitted.terms[k].effect for k in places], observations.recordings),
         ),
         parts=parts_of(fitted, places, law, observations),
         p_value=float(np.exp(min(log_p, 0.0))),

@@ -1,4 +1,6 @@
-"""In which of several recordings an event happened, and what else may differ between two."""
+"""In which of several recordings an event happened or a line in time is, and what else may differ
+between two.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,17 +12,25 @@ from tiltcal.effects.base import Effect
 from tiltcal.recordings.recording import Recording, stem
 
 
-def place_of(effect: Effect, recordings: Sequence[Recording]) -> str | None:
-    """The recording that an event happened in, or the two that it happened between; None where
-    there is one recording only, or no event.
+def place_of(effects: Sequence[Effect], recordings: Sequence[Recording]) -> str | None:
+    """The recording that an event happened in, or the two that it happened between; those that hold
+    a line in time. None where there is one recording only, or where all hold it.
+
+    Args:
+        effects: of one finding, the leading one first.
+        recordings: that were diagnosed.
     """
-    if effect.seen_in is None or "time" not in effect.values:
+    if len(recordings) == 1 or effects[0].seen_in is None:
         return None
-    number = recording_of(effect, recordings)
     names = [stem(r.source) for r in recordings]
-    if Instant.of(effect).in_pause:
-        return f"between {names[number - 1]} and {names[number]}"
-    return f"in {names[number]}"
+    number = recording_of(effects[0], recordings)
+    if "time" in effects[0].values:
+        pause = Instant.of(effects[0]).in_pause
+        return (
+            f"between {names[number - 1]} and {names[number]}" if pause else f"in {names[number]}"
+        )
+    held = sorted({recording_of(e, recordings) for e in effects if e.seen_in is not None})
+    return f"in {' and '.join(names[k] for k in held)}" if len(held) < len(names) else None
 
 
 def beside_drawn_anew(names: Names, effect: Effect) -> Names:

@@ -26,7 +26,7 @@ class Where:
         coordinate: what it follows; harmonic: orders over the outer and inner angle; interval: s
             from the first stamp; seen: range of the coordinate over which a curve was learned.
         recording: of several, the one that an event happened in, or the two that it happened
-            between.
+            between; those that hold a line in time, where some do not.
     """
 
     coordinate: str

@@ -20,6 +20,7 @@ class Part:
         energy_share: product of its signal with that of the whole finding over the energy of the
             latter, both whitened and without what calibration and other findings may take. The
             shares of a finding add up to 1; parts that cancel have shares of opposite signs.
+        recording: of several, the one that an event happened in or a line in time is in.
     """
 
     effect: str
@@ -31,6 +32,7 @@ class Part:
     parameters: Mapping[str, tuple[float, float | None]] = field(default_factory=dict)
     curve: Mapping[str, Any] = field(default_factory=dict)
     energy_share: float = 1.0
+    recording: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -41,6 +43,7 @@ class Part:
             "sensor": self.sensor,
             "axis": self.axis,
             "axes": list(self.axes),
+            **({} if self.recording is None else {"recording": self.recording}),
         }
         if self.curve:
             found |= self.curve

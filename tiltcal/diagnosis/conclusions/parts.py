@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.conclusions.events import place_of
 from tiltcal.diagnosis.conclusions.part import Part
 from tiltcal.diagnosis.conclusions.statements import learned_name, shown, stage_of
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw
@@ -36,6 +37,7 @@ def parts_of(
             fitted.sigmas(k),
             strongest(signal, observations)[1],
             share,
+            place_of([fitted.terms[k].effect], observations.recordings),
         )
         for k, signal, share in zip(places, law.signals, law.shares, strict=True)
     )
@@ -62,8 +64,9 @@ def fitted_as(parts: Sequence[Part]) -> str:
     if len(parts) < 2:
         return ""
     shares: dict[str, list[float]] = {}
+    apart = len({part.recording for part in parts}) > 1
     for part in parts:
-        shares.setdefault(_said(part), []).append(part.energy_share)
+        shares.setdefault(_said(part, apart), []).append(part.energy_share)
     words = [
         f"{f'{len(s)} curves, each ' if len(s) > 1 else ''}{name} ({round(100 * sum(s))} %)"
         for name, s in shares.items()
@@ -87,7 +90,9 @@ def strongest(
     return tuple(dict.fromkeys(s for s, _ in strong)), tuple(dict.fromkeys(a for _, a in strong))
 
 
-def _part(term: FittedTerm, sigmas: Array, axes: tuple[str, ...], share: float) -> Part:
+def _part(
+    term: FittedTerm, sigmas: Array, axes: tuple[str, ...], share: float, recording: str | None
+) -> Part:
     effect = term.effect
     curve: dict[str, Any] = {}
     if isinstance(effect, Learned):
@@ -106,6 +111,7 @@ def _part(term: FittedTerm, sigmas: Array, axes: tuple[str, ...], share: float) 
         {} if curve else _values(effect, fitted),
         curve,
         share,
+        recording,
     )
 
 
@@ -123,9 +129,10 @@ def _values(effect: Effect, sigmas: dict[str, float]) -> dict[str, tuple[float, 
     }
 
 
-def _said(part: Part) -> str:
-    """A part in words, with its sizes where it has names for them."""
+def _said(part: Part, apart: bool) -> str:
+    """A part in words, with its sizes where it has names for them; apart: with its recording."""
+    place = f" {part.recording}" if apart and part.recording else ""
     if part.curve:
-        return part.description
+        return f"{part.description}{place}"
     sizes = {n: (v, s) for n, (v, s) in part.parameters.items() if s is not None}
-    return f"{part.effect} with {shown(sizes)}"
+    return f"{part.effect}{place} with {shown(sizes)}"

@@ -249,7 +249,7 @@ class TableObservations(Observations):
         """Change of each channel by each size alone; those of a curve all at once. By channel:
         numbers of the sizes, and the changes, SI, (sizes, n).
         """
-        if not isinstance(effect, Learned) or self.quick(effect):
+        if not isinstance(effect, Learned) or self.quick(effect) or effect.seen_in is not None:
             return super().columns(effect, names, around)
         return self._curves.columns(effect, names, self.watches(around))
 

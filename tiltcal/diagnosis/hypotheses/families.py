@@ -29,7 +29,8 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     if curve.listed:
         return _same_law(curve, host)
     assert isinstance(effect, Learned)
-    if effect.is_step or (host.effect.seen_in is not None and effect.coordinate == "time"):
+    once = host.effect.seen_in is not None
+    if effect.is_step or (once and effect.coordinate == "time" and not curve.line_hz):
         return False  # a curve over time is the same in every recording
     # what varies or fades is no form of it
     fades = effect.times or effect.relaxing or effect.instants
@@ -104,7 +105,7 @@ def _of_one_source(frequency: float, tone: float, wander: float) -> bool:
 
 def _same_curve(curve: Hypothesis, host: Hypothesis) -> bool:
     """Whether two curves are parts of one unnamed effect: the same coordinate at the same place, on
-    another axis.
+    another axis or in another recording.
     """
     a, b = curve.effect, host.effect
     if type(a) is not type(b):  # the cheapest question first: this is asked of every pair
@@ -118,7 +119,8 @@ def _same_curve(curve: Hypothesis, host: Hypothesis) -> bool:
     same = (
         a.per_input == b.per_input and a.sensor == b.sensor and len(curve.names) == len(host.names)
     )
-    return isinstance(a, LearnedReading) and same and a.axis != b.axis
+    apart = a.axis != b.axis or a.seen_in != b.seen_in
+    return isinstance(a, LearnedReading) and same and apart
 
 
 def _form(curve: Learned) -> tuple[object, ...]:

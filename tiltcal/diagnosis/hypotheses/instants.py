@@ -1,6 +1,8 @@
-"""Instants at which an event may have happened: in a recording, or between two."""
+"""When what does not last may have happened: an event at an instant in a recording or between two,
+a line in time in one recording.
+"""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,12 +42,8 @@ class Instant:
 
     def date(self, effect: Effect) -> Effect:
         """An event at this instant."""
-        return replace(
-            effect,
-            values={**effect.values, "time": self.time},
-            seen_in=self.seen_in,
-            earlier=self.earlier,
-        )
+        values = {**effect.values, "time": self.time}
+        return replace(effect, values=values, seen_in=self.seen_in, earlier=self.earlier)
 
 
 def instants(observations: Observations) -> list[Instant]:
@@ -79,3 +77,15 @@ def _within(channel: Channel, recording: Recording, most: int) -> list[float]:
 def recording_of(effect: Effect, recordings: Sequence[Recording]) -> int:
     """Number of the recording that an event happened in."""
     return next((k for k, r in enumerate(recordings) if r.fingerprint == effect.seen_in), 0)
+
+
+def in_each(effect: Effect, recordings: Sequence[Recording]) -> Iterator[Effect]:
+    """A line in time, once for each of several recordings: its phase begins anew with each, and a
+    source may be on in one only.
+    """
+    names = [r.fingerprint for r in recordings]
+    if len(names) == 1:
+        yield effect
+        return
+    for k, name in enumerate(names):
+        yield replace(effect, seen_in=name, earlier=tuple(names[:k]))

@@ -9,6 +9,7 @@ from itertools import chain
 import numpy as np
 
 from tiltcal.core.progress import Part, unmeasured
+from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves, read_sensors
@@ -17,7 +18,7 @@ from tiltcal.diagnosis.hypotheses.hypothesis import (
     listed_hypotheses,
     step_hypotheses,
 )
-from tiltcal.diagnosis.hypotheses.instants import instants
+from tiltcal.diagnosis.hypotheses.instants import in_each, instants
 from tiltcal.diagnosis.hypotheses.localised_curves import steps_beside
 from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves
 from tiltcal.diagnosis.model.fitted_model import FittedModel
@@ -55,12 +56,24 @@ def build_dictionary(
     every_curve = _equal_together(steps_beside(curves(observations, span)))
     listed = listed_hypotheses(observations.scenario, span, nuisance)
     passing = transients(fitted, whitened)
-    every = list(chain(listed, steps, every_curve, passing))
+    every = list(_by_recording(chain(listed, steps, every_curve, passing), observations))
     for k, hypothesis in enumerate(every, 1):
         if not (blurred and needs_motion(hypothesis.effect)):
             columns.add(hypothesis, effects)
         if k % OFTEN == 0:
             part(k / len(every))
+
+
+def _by_recording(
+    hypotheses: Iterable[Hypothesis], observations: Observations
+) -> Iterator[Hypothesis]:
+    """Hypotheses, a line in time once for each recording."""
+    for hypothesis in hypotheses:
+        if hypothesis.line_hz:
+            for effect in in_each(hypothesis.effect, observations.recordings):
+                yield replace(hypothesis, effect=effect)
+        else:
+            yield hypothesis
 
 
 def _equal_together(curves: Iterable[Hypothesis]) -> Iterator[Hypothesis]:
@@ -96,16 +109,20 @@ def extend_dictionary(state: State, known: SpectralLines) -> bool:
             ),
         )
     before = len(columns.hypotheses)
-    for hypothesis in listed_hypotheses(
-        observations.scenario, ranges_of(observations, new), [t.hypothesis for t in fitted.nuisance]
-    ):
-        lines = hypothesis.effect.values.get("lines")
-        if hypothesis.law.spectral_line and (lines is None or lines in new.ripples):
-            columns.add(hypothesis, fitted.effects)
-    for curve in periodic_curves(observations, new, sorted(read_sensors(observations))):
-        columns.add(curve, fitted.effects)
+    nuisance = [t.hypothesis for t in fitted.nuisance]
+    listed = listed_hypotheses(observations.scenario, ranges_of(observations, new), nuisance)
+    cycles = periodic_curves(observations, new, sorted(read_sensors(observations)))
+    named = filter(lambda h: _is_line(h, new), listed)
+    for hypothesis in _by_recording(chain(named, cycles), observations):
+        columns.add(hypothesis, fitted.effects)
     there = [h.effect for h in columns.hypotheses if getattr(h.effect, "instants", ())]
     for hypothesis in transients(fitted, whitened):
         if hypothesis.effect not in there:
             columns.add(hypothesis, fitted.effects)
     return len(columns.hypotheses) > before
+
+
+def _is_line(hypothesis: Hypothesis, lines: SpectralLines) -> bool:
+    """Whether a listed hypothesis is one of these lines, in time or over an angle."""
+    ripple = hypothesis.effect.values.get("lines")
+    return bool(hypothesis.law.spectral_line) and (ripple is None or ripple in lines.ripples)

@@ -11,6 +11,7 @@ import numpy as np
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.instants import recording_of
 from tiltcal.diagnosis.hypotheses.localised_curves import form_of, with_form
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
 from tiltcal.diagnosis.model.normal_equations import explained_beside
@@ -54,7 +55,8 @@ def refined(
     by row.
     """
     first = terms[0].hypothesis
-    duration = float(np.ptp(whitened.observations.recordings[0].time))
+    recordings = whitened.observations.recordings
+    duration = float(np.ptp(recordings[recording_of(first.effect, recordings)].time))
     pause = first.instant is not None and first.instant.in_pause
     names = list(_shapes_of(terms))
     # of three and more each moves the best of the others

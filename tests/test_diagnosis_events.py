@@ -94,6 +94,19 @@ def test_step_in_the_second_recording_is_not_met_by_the_first(before):
     assert change[2] == pytest.approx(change[0], abs=1e-6 * G0)
 
 
+def test_an_instant_beyond_the_length_of_the_first_recording_is_found():
+    """A shape is refined within its own recording."""
+    step = {"id": "mount_slip", "slip_x_arcsec": 200, "time_s": 160}
+    text = KNOWN | {"seed": 9, "effect": [NOISE]}
+    short = parse_scenario(text | {"sequence": [{**SEQUENCE[0], "dwell_s": 0.7}]})
+    brief, after = LABORATORY.record(short, 9), recorded(10, step)
+    assert np.ptp(brief.time) < 160 < np.ptp(after.time)
+    answer = diagnose(parse_scenario(KNOWN), [brief, after])
+    (finding,) = answer.findings
+    assert finding.effect == "mount_slip"
+    assert finding.where.interval[0] == pytest.approx(160, abs=2)
+
+
 def test_two_recordings_without_an_event_match(before):
     answer = diagnose(parse_scenario(KNOWN), [before, recorded(6)])
     assert (answer.verdict, answer.findings) == ("match", ())

@@ -196,9 +196,27 @@ def test_time_that_goes_back_is_mended_and_a_finding(truth, sound):
     (finding,) = found.findings
     assert (finding.effect, finding.stage, found.verdict) == (None, "data", "unlisted")
     assert finding.statement == (
-        "run.csv: 1 row(s) whose time goes back or repeats, the first at data row 101; they are"
-        " left out."
+        "run.csv: 1 row(s) whose time is out of order, the first at data row 101; they are left"
+        " out."
     )
+    assert finding.p_value is finding.delta_bic is None
+
+
+def test_one_stamp_far_ahead_costs_one_row(truth, sound):
+    def ahead(time):
+        time[300] = time[-1] + 5
+
+    found = inspect(honest(truth), [with_times(sound, ahead)])
+    assert [(rows.row, rows.count, rows.back) for rows in found.left_out] == [(301, 1, 1)]
+    assert len(found.recordings[0]) == len(sound) - 1
+
+
+def test_a_clock_set_back_costs_the_shorter_part_of_what_overlaps(truth, sound):
+    def back(time):
+        time[200:] -= 50.5 * (time[1] - time[0])
+
+    (rows,) = inspect(honest(truth), [with_times(sound, back)]).left_out
+    assert rows.count == 50
 
 
 def test_stamps_that_repeat_may_be_rounded_and_are_noted(truth, sound):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from autoregressive_noise import AutoRegressive2
-from diagnosis_fixtures import bench, honest, recorded
+from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.stats import binom, norm
 from statistics_helpers import FALSE_ALARM
 
@@ -163,6 +163,21 @@ def test_an_inclinometer_and_a_static_record_are_told_in_the_same_units():
     for channel in found["channels"].values():
         assert channel["white"]["unit"] == "ug_rthz"
         assert channel["white"]["value"] == pytest.approx(WHITE, rel=0.15)
+
+
+def test_a_static_record_in_the_wrong_unit_is_repaired_as_the_recording_is():
+    """Both come from one logger, whose columns are 1000 times what their unit says."""
+    truth = bench()
+    table = truth.model_dump(exclude_defaults=True, by_alias=True)
+    rest = [{"action": "rest", "dwell_s": 200.0}]
+    still = recorded(parse_scenario({"schema": 1, **table, "sequence": rest}), 2)
+    wrong = [
+        rewritten(r, **{n: 1000 * r.column(n) for n in r.column_names if n.startswith("accel")})
+        for r in (recorded(truth, 1), still)
+    ]
+    found = diagnose(honest(truth), wrong[:1], static=wrong[1])
+    assert [f.effect for f in found.findings] == ["data_unit"]
+    assert found.after.chi2_per_dof == pytest.approx(1, abs=0.15)
 
 
 @pytest.mark.slow

@@ -435,7 +435,7 @@ def test_a_textbook_form_that_fits_as_well_is_in_the_class_however_many_sizes_it
     curve = Row("d", 75.0, 80.0, 80.0, 110.0)
     names = name_probabilities([likely, more, worse, curve])
     assert set(names.alike) == {"a", "b"}
-    assert {n: s for n, _, s in names.rivals} == pytest.approx({"b": -0.2, "c": 12.2, "d": 40.0})
+    assert {n: s for n, _, s in names.rivals} == pytest.approx({"b": 0.0, "c": 12.2, "d": 40.0})
 
 
 def test_a_column_that_the_others_all_but_hold_has_no_evidence_for_what_it_explains():

@@ -119,9 +119,9 @@ def diagnose(
         lines = spectral_lines_of(prepared.observations, prepared.start)
         whole = prepared.observations
         prepared = averaged_blocks(prepared, block_of(whole, lines))
-        at_rest = (
-            None if still is None else static_noise(prepared.observations, still.recording, noise)
-        )
+        at_rest = None
+        if rest is not None:
+            at_rest = static_noise(prepared.observations, rest, noise, prepared.faults)
         build_dictionary(prepared.whitened, prepared.start, lines, prepared.blurred, stages.part)
         if search is not None:
             said = search(prepared)
@@ -205,6 +205,7 @@ def _explained(
     stages.begin(SEARCH)
     state = most_probable(start, whitened, gate, lambda n: stages.still(f"{n} in the model"))
     if extend_dictionary(state, lines):
+        gate = replace(gate, total=len(whitened.columns.hypotheses))
         state = settled(state.over(whitened.columns), gate)
     stages.begin(ALTERNATIVES)
     random = False

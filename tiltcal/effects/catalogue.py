@@ -14,7 +14,7 @@ from tiltcal.effects.base import Effect
 from tiltcal.effects.file_values import check_allowed, file_names, number_of, parameter_of
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.learned_files import learned_table, make_learned
-from tiltcal.effects.parameter import STAGES
+from tiltcal.effects.parameter import STAGES, by_name
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
@@ -264,9 +264,7 @@ def to_file(effect: Effect) -> dict[str, Any]:
         table["lasts"] = False
     if effect.fit:
         table["fit"] = True
-    parameters = {
-        name: p for p in effect.parameters for name in p.expand(tuple("xyza")) or [p.name]
-    }
+    parameters = by_name(effect.parameters)
     for values, prefix in ((effect.values, ""), (effect.sigmas, "sigma_")):
         for name, value in values.items():
             table[f"{prefix}{name}{parameters[name].suffix}"] = value / parameters[name].factor

@@ -1,6 +1,6 @@
 """Parameters of an effect: name, unit, plausible sizes, and on which tables they apply."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -124,3 +124,9 @@ def _on_all_tables(each: PerTable, names: tuple[str, ...]) -> tuple[Parameter, .
         for name, of in found.items()
         if of
     )
+
+
+@lru_cache(maxsize=512)
+def by_name(parameters: tuple[Parameter, ...]) -> Mapping[str, Parameter]:
+    """The parameter of each bare name on any sensor."""
+    return {name: p for p in parameters for name in p.expand(tuple("xyza"))}

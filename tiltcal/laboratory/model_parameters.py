@@ -14,6 +14,7 @@ from tiltcal.core.files import require_file
 from tiltcal.core.optional_library import library
 from tiltcal.effects.base import Effect, FrameEffect
 from tiltcal.effects.file_values import number_of
+from tiltcal.effects.parameter import by_name
 from tiltcal.laboratory.fixed_effects import why_not
 from tiltcal.laboratory.scenario import Scenario
 
@@ -73,7 +74,7 @@ def model_parameters(scenario: Scenario) -> tuple[list[ModelParameter], dict[str
 
 def _numbers(effect: Effect, number: int, address: str, scenario: Scenario) -> list[ModelParameter]:
     """The numbers of one effect."""
-    stated = {n: p for p in effect.parameters for n in p.expand(tuple("xyza")) or [p.name]}
+    stated = by_name(effect.parameters)
     springs = isinstance(effect, FrameEffect) and bool(effect.compliances(scenario.rig))
     known = effect.role is None and not effect.fit
     found = []

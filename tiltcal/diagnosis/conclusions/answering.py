@@ -87,7 +87,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     left = observations.residuals(fitted.effects)
     groups, laws = fitted.findings(), laws_of(fitted, observations, left)
     found = findings_of(said, whitened, log_p)
-    order = sorted(range(len(found)), key=lambda k: found[k].delta_bic)
+    order = sorted(range(len(found)), key=lambda k: found[k].delta_bic or 0.0)
     lawful = (replace(found[k], laws=laws[k]) for k in order)
     nameless = (*nameless_findings(said), *_time_of(prepared))
     findings = (*(finding_of(f) for f in faults), *lawful, *nameless)

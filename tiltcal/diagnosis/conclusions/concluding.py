@@ -12,6 +12,7 @@ from tiltcal.design.identifiability import POWER
 from tiltcal.diagnosis.conclusions.amended_scenario import amended_table
 from tiltcal.diagnosis.conclusions.events import beside_drawn_anew, place_of
 from tiltcal.diagnosis.conclusions.finding import Finding, Undetectable, Where, in_words
+from tiltcal.diagnosis.conclusions.likelihood_gains import LikelihoodGain, likelihood_gains
 from tiltcal.diagnosis.conclusions.one_recording import mean_and_rest
 from tiltcal.diagnosis.conclusions.parts import fitted_as, parts_of, strongest
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange, seen_range
@@ -28,10 +29,8 @@ from tiltcal.diagnosis.conclusions.statements import (
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw, whole_law
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.cross_validation import heldout_gain
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
-from tiltcal.diagnosis.model.removed_finding import price_of, remove_finding
+from tiltcal.diagnosis.model.removed_finding import remove_finding
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explained import Explained
@@ -39,7 +38,7 @@ from tiltcal.diagnosis.search.name_probabilities import UNLISTED, Names
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
-from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.parameter import by_name
 from tiltcal.recordings.recording import Recording
 
 
@@ -51,9 +50,11 @@ def findings_of(said: Explained, whitened: WhitenedModel, log_p: Sequence[float]
         whitened: columns under the noise that the fitted model leaves.
         log_p: corrected log p-value of each finding.
     """
+    gains = likelihood_gains(said.fitted, whitened, said.gate)
     return [
         replace(
-            _finding(said.fitted, whitened, places, log_p[k], said.names[k]),
+            _finding(said.fitted, whitened, places, said.names[k], gains[k]),
+            p_value=float(np.exp(min(log_p[k], 0.0))),
             probability=said.probability[k],
         )
         for k, places in enumerate(said.fitted.findings())
@@ -64,8 +65,8 @@ def _finding(
     fitted: FittedModel,
     whitened: WhitenedModel,
     places: Sequence[int],
-    log_p: float,
     names: Names,
+    gain: LikelihoodGain,
 ) -> Finding:
     """One finding, with its class and its place."""
     observations = whitened.observations
@@ -75,7 +76,6 @@ def _finding(
     removed = remove_finding(fitted, whitened, places)
     law = whole_law(fitted, whitened, places, removed)
     sensors, axes = strongest(removed.signal, observations)
-    sizes = sum(len(fitted.terms[k].names) for k in places)
     scenario = observations.scenario
     unnamed = Finding(
         effect=None,
@@ -90,9 +90,8 @@ def _finding(
             recording=place_of([fitted.terms[k].effect for k in places], observations.recordings),
         ),
         parts=parts_of(fitted, places, law, observations),
-        p_value=float(np.exp(min(log_p, 0.0))),
-        delta_bic=price_of(whitened) * sizes - removed.gain,
-        heldout_gain=heldout_gain(fitted, whitened, places),
+        delta_bic=gain.delta_bic,
+        heldout_gain=gain.heldout,
         rivals=names.rivals,
         name_probability=names.probability,
     )
@@ -161,18 +160,11 @@ def _interval(effect: Effect) -> tuple[float, float | None] | None:
 
 def _parameters(term: FittedTerm, law: WholeLaw) -> dict[str, tuple[float, float]]:
     """Sizes of a whole law by name with unit, as files have them."""
-    found = {}
+    found, known = {}, by_name(term.hypothesis.effect.parameters)
     for name, value, sigma in zip(term.names, law.values, law.sigmas, strict=True):
-        p = _parameter_of(term.hypothesis, name)
+        p = known[name]
         found[f"{name}{p.suffix}"] = (float(value) / p.factor, float(sigma) / p.factor)
     return found
-
-
-def _parameter_of(hypothesis: Hypothesis, name: str) -> Parameter:
-    for p in hypothesis.effect.parameters:
-        if name in p.expand(tuple("xyza")) or name == p.name:
-            return p
-    raise KeyError(name)
 
 
 def undetectable_of(fitted: FittedModel, whitened: WhitenedModel) -> tuple[Undetectable, ...]:
@@ -185,9 +177,9 @@ def undetectable_of(fitted: FittedModel, whitened: WhitenedModel) -> tuple[Undet
         lambda s: not isinstance(s.effect, Learned) and s.id not in blamed,
     ):
         hypothesis = score.hypothesis
-        sizes = {}
+        sizes, known = {}, by_name(hypothesis.effect.parameters)
         for i, name in enumerate(hypothesis.names):
-            p = _parameter_of(hypothesis, name)
+            p = known[name]
             if score.B[i, i] > SURVIVES * score.raw[i] > 0:
                 sizes[f"{name}{p.suffix}"] = float(
                     np.sqrt(POWER / score.B[i, i]) * hypothesis.size(name) / p.factor

@@ -34,14 +34,19 @@ def place_of(effects: Sequence[Effect], recordings: Sequence[Recording]) -> str 
 
 
 def beside_drawn_anew(names: Names, effect: Effect) -> Names:
-    """The names of an event, and where it lies between two recordings, those of effects that are
-    drawn anew for each: they look alike and are as probable.
+    """The names of an event; where it lies between two recordings, each with those of effects that
+    are drawn anew for each recording: they look alike and are as probable.
     """
     if "time" not in effect.values or not Instant.of(effect).in_pause:
         return names
-    others = [id for id, cls in CATALOGUE.items() if cls.like_event == effect.id]
-    each = names.probability.get(effect.id, 0.0) / (1 + len(others))
-    shared = dict.fromkeys((effect.id, *others), each)
-    return replace(
-        names, alike=(*names.alike, *others), probability={**names.probability, **shared}
-    )
+    probability: dict[str, float] = {}
+    for name, chance in names.probability.items():
+        same = _drawn_anew(name)
+        probability |= dict.fromkeys(same, chance / len(same))
+    alike = dict.fromkeys(other for name in names.alike for other in _drawn_anew(name))
+    return replace(names, alike=tuple(alike), probability=probability)
+
+
+def _drawn_anew(name: str) -> tuple[str, ...]:
+    """An event and the effects that look like it between two recordings."""
+    return name, *(id for id, cls in CATALOGUE.items() if cls.like_event == name)

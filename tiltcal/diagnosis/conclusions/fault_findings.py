@@ -6,6 +6,7 @@ from tiltcal.diagnosis.conclusions.finding import Finding, Where
 from tiltcal.diagnosis.conclusions.parts import part_of
 from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.inspection import LeftOut, by_recording
+from tiltcal.effects.parameter import by_name
 from tiltcal.setup.sensor import Sensor
 
 
@@ -45,12 +46,10 @@ def _or_another(fault: Fault) -> str:
 
 def finding_of(fault: Fault) -> Finding:
     """A fault as it stands in the answer."""
-    parameters = {
-        f"{name}{p.suffix}": (value / p.factor, fault.sigma.get(name, 0.0) / p.factor)
-        for p in fault.effect.parameters
-        for name, value in fault.effect.values.items()
-        if name == p.name or ("{" in p.name and name.startswith(p.name.split("{")[0]))
-    }
+    known, parameters = by_name(fault.effect.parameters), {}
+    for name, value in fault.effect.values.items():
+        p = known[name]
+        parameters[f"{name}{p.suffix}"] = value / p.factor, fault.sigma.get(name, 0.0) / p.factor
     return Finding(
         effect=fault.effect.id,
         names=fault.names or (fault.effect.id,),
@@ -61,9 +60,6 @@ def finding_of(fault: Fault) -> Finding:
         parameters=parameters,
         parts=(part_of(fault),),
         p_value=fault.p_value,
-        delta_bic=0.0,
-        heldout_gain=0.0,
-        rivals=(),
         statement=_or_another(fault),
         next_measurement="look at the file and at what wrote it",
     )

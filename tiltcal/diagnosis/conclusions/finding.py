@@ -59,7 +59,8 @@ class Finding:
         parameters: name with unit -> (value, standard uncertainty), of the whole law.
         parts: effects of the amended scenario that it consists of.
         p_value: after correction for all that was tried.
-        delta_bic: BIC with it minus without; heldout_gain: nats.
+        delta_bic: BIC with it minus without; heldout_gain: nats. None, as a p-value, where it was
+            not tested: a fault of the data is no term of a model of the same readings.
         rivals: (id, cosine, separation).
         statement, next_measurement: in words.
         probability: that something is there; of each name, ``unlisted`` for none of the catalogue,
@@ -75,9 +76,9 @@ class Finding:
     where: Where
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     parts: tuple[Part, ...] = ()
-    p_value: float = 0.0
-    delta_bic: float = 0.0
-    heldout_gain: float = 0.0
+    p_value: float | None = None
+    delta_bic: float | None = None
+    heldout_gain: float | None = None
     rivals: tuple[tuple[str, float, float], ...] = ()
     statement: str = ""
     next_measurement: str = ""
@@ -206,7 +207,7 @@ class Diagnosis(Tabular):
                 for f in self.findings
             ],
             "probability": [f.probability for f in self.findings],
-            "p_value": [float(f.p_value) for f in self.findings],
+            "p_value": [f.p_value for f in self.findings],
         }
 
     def headline(self) -> str:

@@ -15,6 +15,7 @@ from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.effects import CATALOGUE, Effect, to_file
 from tiltcal.effects.learned import Learned
+from tiltcal.effects.parameter import by_name
 
 SHOWN = 0.05  # share of a signal's energy that a channel has to hold to be named
 PLACE = ("id", "on", "place", "role", "sensor", "axis", "seen_in")  # keys that are no curve's own
@@ -119,7 +120,7 @@ def _values(effect: Effect, sigmas: dict[str, float]) -> dict[str, tuple[float, 
     """All values of an effect by name with unit, as the amended scenario has them; sigmas: of those
     that were fitted, SI.
     """
-    known = {n: p for p in effect.parameters for n in p.expand(tuple("xyza")) or [p.name]}
+    known = by_name(effect.parameters)
     return {
         f"{name}{known[name].suffix}": (
             value / known[name].factor,

@@ -1,10 +1,12 @@
 """Faults that can be seen in the columns themselves, and recordings without them."""
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.data_quality.coarse_codes import coarse_codes, truncated_angles
 from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.flat_and_repeated import (
@@ -42,7 +44,7 @@ class LeftOut:
 
     Args:
         row: of the file, the first; count: how many.
-        back: of them those whose time goes back, and does not only repeat.
+        back: of them those whose time is out of order, and does not only repeat.
         source: of the recording.
     """
 
@@ -54,7 +56,7 @@ class LeftOut:
     @property
     def words(self) -> str:
         """As a note, or what is said of a finding."""
-        what = "goes back or repeats" if self.back else "repeats or is missing"
+        what = "is out of order" if self.back else "repeats or is missing"
         return (
             f"{self.source}: {self.count} row(s) whose time {what}, the first at data row"
             f" {self.row}; they are left out"
@@ -125,8 +127,8 @@ def once(faults: Sequence[Fault]) -> list[Fault]:
 def in_order(
     recording: Recording, last: float = -np.inf, before: int = 0
 ) -> tuple[Recording, list[LeftOut]]:
-    """The recording with increasing stamps, and the rows that are left out because they go back or
-    repeat a stamp, if there are any.
+    """The recording with increasing stamps: the longest run of rows that has them, so that one
+    stamp too large does not cost all that follow it; and the rows that are left out, if any are.
 
     Args:
         recording: as it was read.
@@ -134,14 +136,14 @@ def in_order(
         before: rows before them.
     """
     time = recording.time
-    good = np.isfinite(time)
-    highest = np.maximum.accumulate(np.where(good, time, last))
-    earlier = np.concatenate([[last], np.maximum(highest[:-1], last)])
-    keep = good & (time > earlier)
+    later = np.isfinite(time) & (time > last)
+    keep = later.copy()
+    keep[later] = _increasing(time[later])
     count = int((~keep).sum())
     if count == 0:
         return recording, []
-    back = int((good & (time < earlier)).sum())
+    before_it = np.maximum.accumulate(np.where(keep, time, last))
+    back = int((~keep & np.isfinite(time) & (time != before_it)).sum())
     rows = LeftOut(before + int(np.argmin(keep)) + 1, count, back, recording.source)
     columns = {name: recording.column(name)[keep] for name in recording.column_names}
     labels = None if recording.labels is None else recording.labels[keep]
@@ -149,7 +151,31 @@ def in_order(
         time[keep],
         columns,
         labels=labels,
+        extra={name: texts[keep] for name, texts in recording.extra.items()},
         metadata=recording.metadata,
         source=recording.source,
         origin=recording.fingerprint,
     ), [rows]
+
+
+def _increasing(time: Array) -> Mask:
+    """The rows of the longest strictly increasing subsequence (patience sorting: Fredman, Discrete
+    Math. 11, 1975); of equal stamps the first. time: (n,).
+    """
+    if np.all(np.diff(time) > 0):
+        return np.ones(len(time), bool)
+    ends: list[float] = []  # the least stamp at which a subsequence of each length ends
+    row: list[int] = []  # where that is
+    earlier: list[int] = []  # the row before each row, in the longest subsequence that ends there
+    for k, t in enumerate(time.tolist()):
+        place = bisect_left(ends, t)
+        earlier.append(row[place - 1] if place else -1)
+        if place == len(ends):
+            ends.append(t)
+            row.append(k)
+        elif t < ends[place]:
+            ends[place], row[place] = t, k
+    keep, k = np.zeros(len(time), bool), row[-1] if row else -1
+    while k >= 0:
+        keep[k], k = True, earlier[k]
+    return keep

@@ -190,17 +190,29 @@ def averaged_blocks(prepared: PreparedData, block: int) -> PreparedData:
 
 
 def static_noise(
-    observations: Observations, static: Recording, law: type[NoiseModel]
+    observations: Observations,
+    static: Recording,
+    law: type[NoiseModel],
+    faults: Sequence[Fault] = (),
 ) -> tuple[NoiseFit, ...]:
     """The noise of each channel from a record at rest, averaged over as many samples as the
     channel's values are.
 
+    Args:
+        observations: whose channels.
+        static: the record, as it was read.
+        law: kind of noise model.
+        faults: of the recordings: its columns are labelled as theirs are.
+
     Raises:
         TiltcalError: it lacks a sensor, or readings of it.
     """
-    found = []
+    scenario, found = observations.scenario, []
+    effects = [*scenario.effects, *(f.effect for f in faults)]
+    (sound,) = inspect(scenario, [static]).recordings
+    static = undo_labelling_faults(sound, scenario, effects)
     for channel in observations.channels:
-        sensor = observations.scenario.named(channel.sensor)
+        sensor = scenario.named(channel.sensor)
         if channel.white:  # no record at rest holds a turn
             found.append(
                 NoiseFit.known(white_noise(max(channel.white, robust_white(channel.values))))

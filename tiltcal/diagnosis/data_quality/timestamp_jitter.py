@@ -35,7 +35,8 @@ FALSE_ALARMS = 1e-3
 CERTAIN = float(np.sqrt(2 * np.log(2 / FALSE_ALARMS)))
 FAR = 4.0  # sigma: what is farther out in a channel counts as that
 WILD = 20.0  # times the noise of a channel: a gross value
-SMOOTH = 0.3  # share of the excess that neighbouring rows may have in common
+LAGS = 8  # rows
+IN_COMMON = 0.3  # share of the excess that a row may have in common with one of those before
 FEWEST = 32  # pairs of rows
 SPOILS = 0.3  # of the noise: a sample that a random stamp moves by more is left out
 
@@ -49,7 +50,7 @@ def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault 
         DataLatency({"latency": UNIT}, None, None, "found"), fitted.effects
     )
     slopes = {i: c / UNIT for i, c in changes.items()}
-    if _is_smooth(observations, residuals, slopes):
+    if _goes_on(observations, residuals, slopes):
         return None
     found = list(_evidence(observations, residuals, slopes))
     own = [e for e, same in found if same]
@@ -133,18 +134,20 @@ def _pooled(found: list[tuple[float, float, float]]) -> tuple[float, float]:
     return (float(top / bottom), float(np.sqrt(variance) / bottom)) if bottom > 0 else (0.0, 0.0)
 
 
-def _is_smooth(observations: Observations, residuals: list[Array], slopes: Columns) -> bool:
-    """Whether what grows with the slope is much the same in neighbouring rows: a misfit of physics,
-    as a constant delay makes it.
+def _goes_on(observations: Observations, residuals: list[Array], slopes: Columns) -> bool:
+    """Whether what grows with the slope goes with that of one of the LAGS rows before: a misfit of
+    physics is much the same in neighbouring rows, as a constant delay makes it; packets and double
+    buffers come in turn. A random error is a new one in each row.
     """
-    top = smooth = 0.0
+    top, common = 0.0, np.zeros(LAGS)
     for i, slope in slopes.items():
         noise = _quiet_noise(residuals[i], observations.channels[i].stop)
-        r, s2 = residuals[i] / noise, (slope / noise) ** 2
-        top += float((np.minimum(r**2, WILD**2) - 1) @ s2)
-        next_to = np.sqrt(s2[1:] * s2[:-1])
-        smooth += float(np.clip(r[1:] * r[:-1], -(WILD**2), WILD**2) @ next_to)
-    return smooth > SMOOTH * top
+        r, s = residuals[i] / noise, slope / noise
+        top += float((np.minimum(r**2, WILD**2) - 1) @ s**2)
+        for lag in range(1, min(LAGS, len(r) - 1) + 1):
+            product = np.clip(r[lag:] * r[:-lag], -(WILD**2), WILD**2)
+            common[lag - 1] += float(product @ (s[lag:] * s[:-lag]))
+    return bool(np.abs(common).max() > IN_COMMON * top)
 
 
 def _energy(

@@ -28,6 +28,7 @@ from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
+from tiltcal.effects.parameter import by_name
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
@@ -109,12 +110,8 @@ def questions(
 
 def _term(effect: Effect) -> FittedTerm:
     """A found effect as a fitted term of a hypothesis of plausible size."""
-    sizes = {
-        n: p.plausible[1] * p.factor
-        for p in effect.parameters
-        if not p.is_shape
-        for n in p.expand(tuple("xyza")) or [p.name]
-    }
+    parameters = by_name(effect.parameters).items()
+    sizes = {n: p.plausible[1] * p.factor for n, p in parameters if not p.is_shape}
     names = tuple(n for n, v in effect.sizes.items() if v)
     plausible = {n: CURVE if isinstance(effect, Learned) else sizes[n] for n in names}
     plain = replace(effect, values={**effect.values, **plausible}, sigmas={})

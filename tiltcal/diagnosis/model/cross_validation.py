@@ -9,29 +9,32 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.observations import Columns
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
+from tiltcal.diagnosis.model.fitted_model import FittedModel, whitened_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 
 FOLDS = 6
 
 
-def heldout_gain(fitted: FittedModel, whitened: WhitenedModel, places: Sequence[int]) -> float:
-    """Rise of the log-likelihood of left-out blocks by the terms at these places, nats."""
-    rest = [t for k, t in enumerate(fitted.terms) if k not in places]
-    whole = _left_out(fitted, whitened, list(fitted.terms))
-    return 0.5 * (_left_out(fitted, whitened, rest) - whole)
+def heldout_log_likelihood(fitted: FittedModel, whitened: WhitenedModel) -> float:
+    """Log-likelihood of left-out blocks, each predicted from the others, but for a constant, nats.
+
+    The noise is that of the whole recording, and what is expected of a size is what all blocks say
+    of it: only the sizes are fitted without a block.
+    """
+    noise = sum(float(np.log(root).sum()) for root in whitened.roots)
+    return -0.5 * _left_out(fitted, whitened) - noise
 
 
 def heldout_misfit(fitted: FittedModel, whitened: WhitenedModel) -> float:
     """Chi-square per sample of left-out blocks."""
-    return _left_out(fitted, whitened, list(fitted.terms)) / max(whitened.observations.samples, 1)
+    return _left_out(fitted, whitened) / max(whitened.observations.samples, 1)
 
 
 def heldout_residuals(fitted: FittedModel, whitened: WhitenedModel) -> list[Array]:
     """What is left of each channel where the sizes of all terms come from the other blocks,
     whitened, in time, (n,) each.
     """
-    folded = _Folded.of(fitted, whitened, list(fitted.terms))
+    folded = _Folded.of(fitted, whitened)
     sizes = np.array(folded.solved())
     found = []
     for mine, block, folds in folded.blocks():
@@ -40,11 +43,11 @@ def heldout_residuals(fitted: FittedModel, whitened: WhitenedModel) -> list[Arra
     return found
 
 
-def _left_out(fitted: FittedModel, whitened: WhitenedModel, terms: Sequence[FittedTerm]) -> float:
+def _left_out(fitted: FittedModel, whitened: WhitenedModel) -> float:
     """Sum of squares of what is left in blocks that the terms were not fitted to, whitened in
     time.
     """
-    folded = _Folded.of(fitted, whitened, terms)
+    folded = _Folded.of(fitted, whitened)
     total = 0.0
     for G, b in zip(folded.grams, folded.solved(), strict=True):
         total += float(G[-1, -1] - 2 * b @ G[:-1, -1] + b @ G[:-1, :-1] @ b)
@@ -53,7 +56,7 @@ def _left_out(fitted: FittedModel, whitened: WhitenedModel, terms: Sequence[Fitt
 
 @dataclass(frozen=True)
 class _Folded:
-    """Columns of some terms, and what they are fitted to, by fold.
+    """Columns of the terms of a model, and what they are fitted to, by fold.
 
     Args:
         whitened: whose channels.
@@ -70,20 +73,15 @@ class _Folded:
     grams: Array
 
     @classmethod
-    def of(
-        cls, fitted: FittedModel, whitened: WhitenedModel, terms: Sequence[FittedTerm]
-    ) -> "_Folded":
-        """Of a fitted model with only these of its terms."""
-        used = [*fitted.nuisance, *terms]
+    def of(cls, fitted: FittedModel, whitened: WhitenedModel) -> "_Folded":
+        """Of a fitted model."""
+        used = [*fitted.nuisance, *fitted.terms]
         columns = whitened_of(whitened, used, fitted.effects)
         values = np.array(
             [v / t.hypothesis.size(n) for t in used for n, v in zip(t.names, t.values, strict=True)]
         )
         target = list(whitened.residual(fitted.effects))
-        gone = [t for t in fitted.terms if t not in terms]
-        added = [v / t.hypothesis.size(n) for t in gone for n, v in zip(t.names, t.values)]
-        put_back = whitened_of(whitened, gone, fitted.effects)
-        for column, value in (*zip(columns, values), *zip(put_back, added)):
+        for column, value in zip(columns, values, strict=True):
             for i, part in column.items():
                 target[i] = target[i] + part * value
         free = sum(len(t.names) for t in fitted.nuisance)

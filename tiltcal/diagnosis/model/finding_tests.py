@@ -75,8 +75,9 @@ class NoiseGate:
         it was taken from a record at rest.
         """
         left = whitened.as_fitted(self.noise(fitted, whitened))
-        left = replace(left, curved=_curved(fitted, whitened))
-        return left if self.static is not None else with_probable_noise(left)
+        if self.static is not None:
+            return left
+        return with_probable_noise(replace(left, curved=_curved(fitted, whitened)))
 
     def log_p(
         self, fitted: FittedModel, whitened: WhitenedModel

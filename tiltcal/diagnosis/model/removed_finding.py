@@ -12,11 +12,6 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, whitened_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 
 
-def price_of(whitened: WhitenedModel) -> float:
-    """Deviance that one more size has to bring (BIC)."""
-    return float(np.log(max(whitened.observations.samples, 2)))
-
-
 @dataclass(frozen=True)
 class RemovedFinding:
     """A finding taken out of its fitted model: what has to be explained.

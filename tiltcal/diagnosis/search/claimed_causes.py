@@ -5,7 +5,6 @@ from collections.abc import Collection, Mapping
 from scipy.special import expit, logsumexp
 
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.search.explanation import explanation_of
 from tiltcal.diagnosis.search.possible_sizes import possible
 from tiltcal.diagnosis.search.state import Doubt, State, laws, refitted, repriced, without
 
@@ -30,16 +29,14 @@ def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], t
         fewer = {}
         for cause in sorted(held):
             fewer[cause], model = _without(models[held], held, {cause}, gate)
-            models[fewer[cause]] = model
+            known = models.get(fewer[cause], model)  # reached before, another way
+            models[fewer[cause]] = min(known, model, key=lambda one: one.cost)
         weakest = min(held, key=lambda cause: models[fewer[cause]].cost)
         if _probability(models[fewer[weakest]].cost - models[held].cost) >= CLAIM:
             break
         held = fewer[weakest]
     costs = {kept: model.cost for kept, model in models.items()}
-    chance = {
-        cause: min(probability_of(cause, costs), _beside_neighbours(state, cause))
-        for cause in every
-    }
+    chance = {cause: probability_of(cause, costs) for cause in every}
     claimed = frozenset(cause for cause in every if chance[cause] >= CLAIM)
     doubts = [
         Doubt(law, chance[cause])
@@ -61,18 +58,6 @@ def probability_of(cause: int, costs: Mapping[frozenset[int], float]) -> float:
     without_it = [-cost for held, cost in costs.items() if cause not in held]
     with_it = [-cost for held, cost in costs.items() if cause in held]
     return _probability(logsumexp(with_it) - logsumexp(without_it))
-
-
-def _beside_neighbours(state: State, cause: int) -> float:
-    """Probability that a line is there, by what it explains in units of the level of its
-    neighbourhood; one for a cause that is no line. The cost of a model takes its noise for granted.
-    """
-    terms = [state.fitted.terms[place] for place in state.fitted.findings()[cause]]
-    if not terms[0].hypothesis.line_hz:
-        return 1.0
-    tried, prior = state.causes[cause].tried, state.causes[cause].log_prior
-    rest = without(state, cause).fitted
-    return _probability(explanation_of(terms, tried, rest, state.whitened).evidence + prior)
 
 
 def _probability(log_odds: float) -> float:

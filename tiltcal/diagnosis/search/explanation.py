@@ -39,6 +39,7 @@ class Explanation:
         tried: columns that a deviation may be made of.
         choice: part of the evidence that is for the choice of the law's sizes, nats.
         numbers: the evidence for each number in use.
+        level: of the neighbourhood of a line, in units of the noise, that it is judged by.
         plain: the law without its deviation; None where it has none.
     """
 
@@ -46,6 +47,7 @@ class Explanation:
     tried: int
     choice: float
     numbers: tuple[NumberEvidence, ...]
+    level: float = 1.0
     plain: "Explanation | None" = None
 
     @property
@@ -65,8 +67,8 @@ class Explanation:
 
     @property
     def price(self) -> float:
-        """Nats that its numbers cost."""
-        return self.gain / 2 - self.evidence
+        """Nats that its numbers cost: what they take off the deviance, less the evidence."""
+        return self.level * self.gain / 2 - self.evidence
 
     def coarsely(self, coarse: float) -> float:
         """The evidence where the likelihood is raised to the power 1/coarse, nats."""
@@ -107,12 +109,12 @@ def explained_by(
         return None
     tried = int((~law).sum())
     terms = _terms(normal, selection.used, whitened, hypothesis)
-    plain = _explanation(terms, tried, selection)
+    plain = _explanation(terms, tried, selection, level)
     selection.add_deviation(tried)
     terms = _terms(normal, selection.used, whitened, hypothesis)
     if not all(possible(t) for t in terms[1:]):
         return plain
-    return replace(_explanation(terms, tried, selection), plain=plain if tried else None)
+    return replace(_explanation(terms, tried, selection, level), plain=plain if tried else None)
 
 
 def explanation_of(
@@ -152,16 +154,16 @@ def explanation_of(
         law.has_plausible_size,
     )
     selection.take_sizes([law.names.index(name) for name in terms[0].names])
-    plain = _explanation(terms[:1], tried, selection) if len(terms) > 1 else None
+    plain = _explanation(terms[:1], tried, selection, level) if len(terms) > 1 else None
     selection.take_deviation(range(len(law.names), len(owner)), tried)
-    return replace(_explanation(terms, tried, selection), plain=plain)
+    return replace(_explanation(terms, tried, selection, level), plain=plain)
 
 
 def _explanation(
-    terms: Sequence[FittedTerm], tried: int, selection: ColumnSelection
+    terms: Sequence[FittedTerm], tried: int, selection: ColumnSelection, level: float
 ) -> Explanation:
     """What was selected, as a cause with these terms."""
-    return Explanation(tuple(terms), tried, selection.choice, tuple(selection.numbers))
+    return Explanation(tuple(terms), tried, selection.choice, tuple(selection.numbers), level)
 
 
 def _deviations(alike: Mask) -> Array:

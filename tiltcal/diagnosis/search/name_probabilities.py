@@ -44,7 +44,9 @@ class Names:
         in_doubt: whether such a class needs ``unlisted`` beside them.
         perhaps: where none of the catalogue is the most probable, the names that a class of
             CREDIBLE probability needs beside it.
-        rivals: (name, cosine, separation) of the nearest names, the most probable first.
+        rivals: (name, cosine, separation) of the nearest names, the most probable first, each
+            against the stated one: the multiple correlation of its fit with what that explains, and
+            twice the nats that it lacks, as the class has it.
         late: whether no curve over the temperature of now explains it.
     """
 
@@ -125,8 +127,6 @@ def coarsened(gain: float) -> float:
 
 def name_probabilities(rows: Sequence[Row]) -> Names:
     """Probabilities under the coarsened posterior."""
-    top = max(rows, key=lambda r: r.score)
-    whole_gain = max(max(r.gain for r in rows), np.finfo(float).tiny)
     score = {
         name: float(logsumexp([r.coarse_score for r in rows if r.name == name]))
         for name in {r.name for r in rows}
@@ -146,6 +146,7 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     if chance.get(UNLISTED, 0.0) > 0.5:
         near, first, in_doubt = [], "", False
         perhaps = _needed(chance, {UNLISTED})
+    stated = best[first] if first else max(rows, key=lambda r: r.score)
     rivals = [n for n in order if n not in (first, UNLISTED) and best[n].gain][:SHOWN]
     return Names(
         shown,
@@ -153,8 +154,8 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
         tuple(
             (
                 n,
-                float(np.sqrt(min(best[n].gain / whole_gain, 1.0))),
-                2 * min(_behind(r, top) for r in rows if r.name == n),
+                float(np.sqrt(min(best[n].gain / stated.gain, 1.0))) if stated.gain > 0 else 0.0,
+                2 * max(min(_behind(r, stated) for r in rows if r.name == n), 0.0),
             )
             for n in rivals
         ),

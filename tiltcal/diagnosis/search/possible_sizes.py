@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
-from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.parameter import Parameter, by_name
 
 HALF = 0.5
 
@@ -18,9 +18,10 @@ def possible(term: FittedTerm) -> bool:
 
 
 def _sizes(term: FittedTerm) -> Iterator[tuple[Parameter, float]]:
-    """The sizes in use, SI, with what the catalogue says of each."""
-    for parameter in term.hypothesis.effect.parameters:
-        stem = parameter.name.split("{")[0].rstrip("_")
-        for name, value in zip(term.names, term.values, strict=True):
-            if name == parameter.name or ("{" in parameter.name and name.startswith(stem)):
-                yield parameter, value
+    """The sizes in use, SI, with what the catalogue says of each; a curve's coefficients are not in
+    it.
+    """
+    known = by_name(term.hypothesis.effect.parameters)
+    for name, value in zip(term.names, term.values, strict=True):
+        if name in known:
+            yield known[name], value

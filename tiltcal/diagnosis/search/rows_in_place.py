@@ -112,10 +112,10 @@ def _at_its_instant(law: Hypothesis, rest: State, scan: Scan) -> Iterator[Propos
     if (instant := law.instant) is None:
         return
     whitened, fitted = rest.whitened, rest.fitted
-    odds = {
+    odds = {  # in a pause between recordings an event is more probable than at any other instant
         h.place: float(prior)
         for h, prior in zip(whitened.hypotheses, scan.log_odds, strict=True)
-        if h.has_instant
+        if h.instant is not None and h.instant.in_pause == instant.in_pause
     }
     steps = list(steps_at(whitened.observations.scenario, instant))
     local = whitened.beside([h for h in steps if h.place in odds])

@@ -427,9 +427,20 @@ def test_a_steep_course_bends_but_does_not_jump(jumps):
     speed = np.radians(130.0) * (np.sin(np.pi / 2 * up) ** 2 - np.sin(np.pi / 2 * down) ** 2)
     angle = np.cumsum(speed) * 0.02 + rng_of("readout").normal(0, 2e-7, len(t))
     angle[250:300] += 4e-4 if jumps else 0.0
-    found = jump_of("outer", angle, np.ones(len(t), bool))
+    found = jump_of("outer", t, angle, np.ones(len(t), bool))
     assert (found is not None) == jumps
     assert found is None or found.error == pytest.approx(4e-4, rel=0.1)
+
+
+@pytest.mark.parametrize("jumps", [True, False])
+def test_irregular_stamps_make_no_jump(jumps):
+    """Up to 75 deg/s, stamps that are true and off an even grid by 3 % of its step, rms."""
+    rng = rng_of("irregular stamps")
+    t = 0.02 * (np.arange(600) + rng.normal(0, 0.03, 600))
+    angle = np.radians(143.0) * np.sin(np.pi * t / 6) + rng.normal(0, 3e-7, 600)
+    angle[250:300] += 2e-3 if jumps else 0.0
+    found = jump_of("outer", t, angle, np.ones(600, bool))
+    assert (found is not None) == jumps
 
 
 @pytest.mark.parametrize("before", [18, 22])

@@ -63,7 +63,7 @@ def find_readout_jumps(
     left = observations.residuals(fitted.effects)
     for number, course in enumerate(observations.courses):
         for axis, angle in course.angles.items():
-            jump = jump_of(axis, angle, course.known)
+            jump = jump_of(axis, course.time, angle, course.known)
             if jump is None or not _misfits(observations, left, number, jump):
                 continue
             if _unfollowed(observations, fitted.effects, number, jump):
@@ -80,16 +80,20 @@ def find_readout_jumps(
     return faults, tuple(recordings)
 
 
-def jump_of(axis: str, angle: Array, known: Mask) -> Jump | None:
+def jump_of(axis: str, time: Array, angle: Array, known: Mask) -> Jump | None:
     """The two sharpest bends of a readout (rad, (n,)) where it was read, if it jumped there, as far
-    there as back.
+    there as back. A bend is what a step is off the rates before and after it: stamps that are
+    irregular bend nothing. time: s, (n,).
     """
     if len(angle) < SHORTEST:
         return None
-    step, read = np.diff(angle), known[1:] & known[:-1]
+    step, gap, read = np.diff(angle), np.diff(time), known[1:] & known[:-1]
+    rate = step / gap
     bent = np.zeros(len(step))  # a table gathers speed, and loses it, over several samples
     bent[1:-1] = np.where(
-        read[:-2] & read[1:-1] & read[2:], step[1:-1] - (step[:-2] + step[2:]) / 2, 0.0
+        read[:-2] & read[1:-1] & read[2:],
+        step[1:-1] - (rate[:-2] + rate[2:]) / 2 * gap[1:-1],
+        0.0,
     )
     noise, sharp = MAD_TO_SIGMA * float(np.median(np.abs(bent))), _sharp(bent)
     first = int(np.argmax(np.abs(sharp)))

@@ -8,8 +8,9 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten, tumble
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
-from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, with_values
 from tiltcal.diagnosis.model.column_products import ColumnProducts
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
@@ -27,6 +28,7 @@ from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.names import named
 from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
 from tiltcal.diagnosis.search.scan import Scan
+from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.search.state import (
     Cause,
@@ -152,6 +154,36 @@ def test_a_line_lowers_the_cost_by_no_more_than_it_stands_out_of_its_neighbours(
     state = with_new(nothing, line)
     assert nothing.fitted.deviance - state.fitted.deviance > 1.3 * line.explanation.gain
     assert nothing.cost - state.cost == pytest.approx(line.score, abs=0.5)
+
+
+def test_a_tone_that_is_turned_round_keeps_the_covariance_of_its_fit():
+    """Two tones side by side, one of them written with its phase half a turn off."""
+    tones = [
+        {"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 900.0, "frequency_hz": f}
+        for f in (2.1, 2.11)
+    ]
+    found = prepared(*tones)
+    offered = [
+        with_values(h.effect, h.effect.values | {"phase": np.pi})
+        for h in _tones(found, (2.1, 2.11))
+    ]
+    terms = [FittedTerm.start(Hypothesis(e, ("pickup_x",))) for e in offered]
+    fitted = refit(replace(found.start, terms=tuple(terms)), found.whitened)
+    fitted = replace(fitted, terms=(fitted.terms[0], replace(fitted.terms[1], values=(1e-3,))))
+    turned = normalise_tone_phase(fitted, found.observations)
+    assert turned.terms[0].values[0] > 0
+    expected = refit(turned, found.whitened).covariance
+    np.testing.assert_allclose(
+        turned.covariance, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max()
+    )
+
+
+def _tones(found, frequencies):
+    """A mains tone at each of these frequencies."""
+    span = ranges_of(found.observations, SpectralLines(tones=frequencies))
+    listed = listed_hypotheses(found.observations.scenario, span)
+    every = [h for h in listed if h.id == "mains_pickup"]
+    return [next(h for h in every if h.effect.values["frequency"] == f) for f in frequencies]
 
 
 def test_a_curve_is_exchanged_for_one_over_another_coordinate():

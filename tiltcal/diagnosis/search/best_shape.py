@@ -11,7 +11,7 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
 from tiltcal.diagnosis.hypotheses.localised_curves import STEPS
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.curve_resolution import resolutions
+from tiltcal.diagnosis.search.curve_resolution import RESOLUTIONS, resolutions
 from tiltcal.diagnosis.search.explanation import explain
 from tiltcal.diagnosis.search.nearest_forms import nearest_forms
 from tiltcal.diagnosis.search.possible_sizes import possible
@@ -36,10 +36,18 @@ def best_shape(proposal: Proposal, fitted: FittedModel, whitened: WhitenedModel)
     if (instant := terms[0].hypothesis.instant) is not None:
         scenario = whitened.observations.scenario
         near += list(steps_at(scenario, instant))
-    if not hypothesis.listed:
-        near += list(resolutions([t.hypothesis for t in proposal.explanation.terms]))
     best = _best([proposal, *in_shapes(proposal, near, fitted, whitened)])
-    return _best([best, *_localised(best, fitted, whitened)])
+    other = _resolved(proposal, fitted, whitened)
+    return _best([best, *other, *_localised(best, fitted, whitened)])
+
+
+def _resolved(proposal: Proposal, fitted: FittedModel, whitened: WhitenedModel) -> list[Proposal]:
+    """A curve without a name at other resolutions, each as probable as another."""
+    if proposal.explanation.hypothesis.listed:
+        return []
+    near = list(resolutions([t.hypothesis for t in proposal.explanation.terms]))
+    charged = replace(proposal, log_prior=proposal.log_prior - float(np.log(RESOLUTIONS)))
+    return in_shapes(charged, near, fitted, whitened)
 
 
 def _best(proposals: Iterable[Proposal]) -> Proposal:

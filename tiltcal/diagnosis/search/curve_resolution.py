@@ -5,22 +5,28 @@ from dataclasses import replace
 
 import numpy as np
 
+from tiltcal.diagnosis.hypotheses.curve_forms import proportional
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.effects.learned import Learned
 
-FINER = (1.5, 2.0, 3.0)  # times as many knots
+OTHERS = (0.6, 1.5, 2.0, 3.0)  # times as many knots
+RESOLUTIONS = 2 + len(OTHERS)  # with the first one and the line
 FEWEST = 4  # knots of a curve that has a resolution: one of three is a parabola
 
 
 def resolutions(hypotheses: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
-    """Curves that belong together, each with more knots, spaced alike; one resolution after the
-    other.
+    """Curves that belong together, in proportion to their coordinate, and with fewer or more knots,
+    spaced alike; one resolution after the other.
     """
-    for factor in FINER:
-        for hypothesis in hypotheses:
-            effect = hypothesis.effect
-            if isinstance(effect, Learned) and len(effect.knots) >= FEWEST:
-                yield _with_knots(hypothesis, effect, round(factor * len(effect.knots)))
+    curves = [
+        (h, h.effect)
+        for h in hypotheses
+        if isinstance(h.effect, Learned) and len(h.effect.knots) >= FEWEST
+    ]
+    yield from (proportional(hypothesis) for hypothesis, _ in curves)
+    for factor in OTHERS:
+        for hypothesis, effect in curves:
+            yield _with_knots(hypothesis, effect, round(factor * len(effect.knots)))
 
 
 def _with_knots(hypothesis: Hypothesis, effect: Learned, count: int) -> Hypothesis:

@@ -14,8 +14,8 @@ from tiltcal.effects.learned import Learned
 UNLISTED = 0.25
 """Of what differs from a model, the share that no list has."""
 SOMETHING = 0.5
-"""Odds that there is one cause more: a recording that is diagnosed holds one about as often as
-not.
+"""Causes that are expected: their number is Poisson, each being there or not by itself at odds of
+this times its share.
 """
 
 

@@ -91,7 +91,8 @@ def _step(hypothesis: Hypothesis, name: str, duration: float, whitened: Whitened
     """
     effect, line = hypothesis.effect, hypothesis.line_hz
     if name == "place" and isinstance(effect, Learned) and axis_of(effect.coordinate) is None:
-        own = f"{effect.sensor}_input" if effect.coordinate == "input" else effect.coordinate
+        of_sensor = effect.coordinate in ("input", "turned")
+        own = f"{effect.sensor}_{effect.coordinate}" if of_sensor else effect.coordinate
         low, high = ranges_of(whitened.observations, SpectralLines()).ranges[own]
         return STEP[name] / (2 * np.pi) * (high - low)
     if name == "early":
@@ -165,7 +166,7 @@ def normalise_tone_phase(fitted: FittedModel, observations: Observations) -> Fit
     phase. By hand a sensor that is early is the other one that is late.
     """
     turned: dict[int, Hypothesis] = {}
-    terms = []
+    terms, signs = [], [1.0 for t in fitted.nuisance for _ in t.names]
     for t in fitted.terms:
         other = (
             _other_way(t.hypothesis, observations)
@@ -176,7 +177,12 @@ def normalise_tone_phase(fitted: FittedModel, observations: Observations) -> Fit
             turned[id(t.hypothesis)] = other
             t = replace(t, hypothesis=other, values=tuple(-v for v in t.values))
         terms.append(replace(t, host=turned.get(id(t.host), t.host)))
-    return replace(fitted, terms=tuple(terms))
+        signs += [1.0 if other is None else -1.0] * len(t.names)
+    if fitted.covariance is None or not turned:
+        return replace(fitted, terms=tuple(terms))
+    return replace(
+        fitted, terms=tuple(terms), covariance=fitted.covariance * np.outer(signs, signs)
+    )
 
 
 def _other_way(hypothesis: Hypothesis, observations: Observations) -> Hypothesis | None:

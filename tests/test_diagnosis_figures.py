@@ -203,8 +203,8 @@ def test_slow_variation_beyond_any_grade_is_a_finding(walk, told):
 
 def test_what_is_not_probable_enough_to_be_claimed_is_a_doubt():
     slow = (
-        SlowVariation("fog", "a", 15.0, False, 0.97),
-        SlowVariation("gyro", "x", 90.0, False, 0.9999),
+        SlowVariation("fog", ("a",), None, 15.0, False, False, 0.97),
+        SlowVariation("gyro", ("x",), None, 90.0, False, False, 0.9999),
     )
     said = SimpleNamespace(slow=slow, bands=(), tones=(), motions=())
     (finding,) = nameless_findings(said)

@@ -94,22 +94,22 @@ def test_axes_of_one_noise_are_not_unlike():
     one, gains = priors(3), []
     for seed in range(12):
         fits = one.most_probable(noise_fits([WALK] * 3, seed))
-        gains += [unlike_others(one, k, fits)[0] for k in range(3)]
+        gains += [unlike_others(one, [k], fits)[0] for k in range(3)]
     assert max(gains) < 4.0
 
 
 def test_an_axis_of_far_more_slow_noise_is_unlike_the_others():
     one = priors(3)
     fits = one.most_probable(noise_fits([WALK, 30 * WALK, WALK], 1))
-    gain, times = unlike_others(one, 1, fits)
+    gain, times = unlike_others(one, [1], fits)
     assert gain > 8.0
     assert 10 < times < 60
-    assert unlike_others(one, 0, fits)[1] < 1.0
+    assert unlike_others(one, [0], fits)[1] < 1.0
 
 
 def test_an_axis_alone_has_no_others():
     fits = noise_fits([WALK], 2)
-    assert unlike_others(priors(1), 0, priors(1).most_probable(fits)) == (0.0, 1.0)
+    assert unlike_others(priors(1), [0], priors(1).most_probable(fits)) == (0.0, 1.0)
 
 
 def test_the_most_probable_noise_of_the_axes_is_no_dearer_than_the_most_likely_one():
@@ -144,3 +144,31 @@ def test_slow_variation_of_one_axis_is_a_finding():
     assert found.verdict == "unlisted"
     (finding,) = (f for f in found.findings if "Slow variation of accel y" in f.statement)
     assert "times the slow noise of the other axes of accel" in finding.statement
+
+
+def test_an_instrument_in_two_recordings_has_one_noise():
+    truth = bench()
+    found = prepare(honest(truth), [recorded(truth, 1), recorded(truth, 2)])
+    whitened = found.whitened.as_fitted(noise_under(found.start, found.whitened.columns))
+    (one,) = instruments(whitened)
+    assert one.which == (0, 1, 2, 3, 4, 5)
+    assert len({axis.count for axis in one.axes}) == 1
+
+
+def test_slow_variation_in_one_of_two_recordings_is_a_finding():
+    """On all axes, and of a size that an instrument of a poor grade may have."""
+    truth, rng = bench(), rng_of("one recording wanders")
+    first, second = recorded(truth, 5), recorded(truth, 6)
+    columns = {name: second.column(name) for name in second.column_names}
+    for axis in "xyz":
+        wander = np.cumsum(rng.normal(0, 1.0, len(second)))
+        columns[f"accel_{axis}_m_s2"] = columns[f"accel_{axis}_m_s2"] + 2e-3 * wander / wander.std()
+    other = Recording.from_columns(second.time, columns)
+    found = diagnose(honest(truth), [first, other])
+    assert found.verdict == "unlisted"
+    assert any("Slow variation of accel" in f.statement for f in found.findings)
+    assert all(
+        f.where.recording == "in recording 2"
+        for f in found.findings
+        if "Slow variation" in f.statement
+    )

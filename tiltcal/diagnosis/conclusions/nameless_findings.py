@@ -35,16 +35,20 @@ def _all_of(said: Explained) -> Iterator[tuple[float, Finding]]:
 
 
 def _slow(slow: SlowVariation) -> Finding:
-    beside = f"the other axes of {slow.sensor}" if slow.beside_axes else "the worst grade"
-    return _nameless(
+    others = "the other recordings" if slow.whole else f"the other axes of {slow.sensor}"
+    beside = others if slow.beside_others else "the worst grade"
+    place = "" if slow.recording is None else f" in recording {slow.recording + 1}"
+    found = _nameless(
         (slow.sensor,),
-        (slow.axis,),
+        slow.axes,
         slow.probability,
-        f"Slow variation of {slow.sensor} {slow.axis} that no listed effect explains:"
-        f" {slow.times:.0f} times the slow noise of {beside}.",
+        f"Slow variation of {slow.sensor} {', '.join(slow.axes)}{place} that no listed effect"
+        f" explains: {slow.times:.0f} times the slow noise of {beside}.",
         "record the instrument at rest for as long, to see whether it varies without motion",
         "time",
     )
+    where = replace(found.where, recording=place.strip() or None)
+    return replace(found, where=where)
 
 
 def _oscillations(

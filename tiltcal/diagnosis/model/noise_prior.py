@@ -36,7 +36,8 @@ class AxisPrior:
     """What is known of the noise of one channel before it is read.
 
     Args:
-        rate_hz: of its samples; count: how many there are.
+        rate_hz: of its samples; count: how many there are in the longest record of its instrument:
+            slow noise grows with the time that it is looked at.
         worst: flicker and random walk of the worst grade beside white noise of 1 per root hertz,
             and by their sizes, SI; none of what runs in no time.
     """
@@ -46,13 +47,13 @@ class AxisPrior:
     worst: tuple[tuple[float, float], tuple[float, float]] | None
 
     @classmethod
-    def of(cls, channel: Channel, observations: Observations) -> "AxisPrior":
-        """That of a channel of these observations."""
-        rate, count = channel.rate_hz, len(channel.time)
+    def of(cls, channel: Channel, observations: Observations, longest: float) -> "AxisPrior":
+        """That of a channel of these observations; longest: s, of the records of its instrument."""
+        rate = channel.rate_hz
         if not rate:
-            return cls(rate, count, None)
+            return cls(rate, len(channel.time), None)
         kind = observations.scenario.named(channel.sensor).kind
-        return cls(rate, count, (worst_grade(kind), largest_slow_noise(kind)))
+        return cls(rate, round(longest * rate), (worst_grade(kind), largest_slow_noise(kind)))
 
     def above(self, model: NoiseModel) -> list[list[float]]:
         """Flicker and random walk over those of the worst grade, beside the same white noise and by
@@ -80,7 +81,7 @@ class AxisPrior:
 
 @dataclass(frozen=True)
 class InstrumentPrior:
-    """What is known of the noise of the axes of one sensor in one recording.
+    """What is known of the noise of the axes of one sensor, of each recording those of its own.
 
     Args:
         which: numbers of the channels; axes: of each.
@@ -97,15 +98,11 @@ class InstrumentPrior:
         """-log posterior of fits of these axes, up to a constant, nats."""
         return sum(f.deviance for f in fits) / 2 + self.price([f.model for f in fits])
 
-    def without(self, k: int) -> "InstrumentPrior":
-        """That of the other axes."""
+    def only(self, places: Sequence[int]) -> "InstrumentPrior":
+        """That of the axes at these places."""
         return InstrumentPrior(
-            self.which[:k] + self.which[k + 1 :], self.axes[:k] + self.axes[k + 1 :]
+            tuple(self.which[k] for k in places), tuple(self.axes[k] for k in places)
         )
-
-    def only(self, k: int) -> "InstrumentPrior":
-        """That of the k-th axis."""
-        return InstrumentPrior((self.which[k],), (self.axes[k],))
 
     def most_probable(self, fits: Sequence[NoiseFit]) -> list[NoiseFit]:
         """The fits of these axes at their most probable models, one axis after the other until that
@@ -144,22 +141,25 @@ class InstrumentPrior:
 
 
 def instruments(whitened: WhitenedModel) -> list[InstrumentPrior]:
-    """The instruments of a recording; a channel that is no reading of its own, whose noise was not
-    fitted, or to which a nameless curve adds, is one by itself.
+    """The instruments of the recordings; a channel that is no reading of its own, whose noise was
+    not fitted, or to which a nameless curve adds, is one by itself.
     """
     observations, fits = whitened.observations, whitened.fits
-    groups: dict[tuple[int, str, str], list[int]] = {}
+    groups: dict[tuple[object, ...], list[int]] = {}
     for i, (channel, fit) in enumerate(zip(observations.channels, fits, strict=bool(fits))):
         told = channel.rate_hz and len(fit.bins.weight) and not channel.derived
         alone = not told or i in whitened.curved
-        key = (channel.recording, channel.sensor, channel.axis if alone else "")
+        key = (channel.sensor, i) if alone else (channel.sensor,)
         groups.setdefault(key, []).append(i)
-    return [
-        InstrumentPrior(
-            tuple(which), tuple(AxisPrior.of(observations.channels[i], observations) for i in which)
-        )
-        for which in groups.values()
-    ]
+    return [_instrument(which, observations) for which in groups.values()]
+
+
+def _instrument(which: Sequence[int], observations: Observations) -> InstrumentPrior:
+    """One instrument, of these channels."""
+    channels = [observations.channels[i] for i in which]
+    longest = max(len(c.time) / c.rate_hz if c.rate_hz else 0.0 for c in channels)
+    axes = tuple(AxisPrior.of(c, observations, longest) for c in channels)
+    return InstrumentPrior(tuple(which), axes)
 
 
 def noise_price(whitened: WhitenedModel) -> float:
@@ -181,23 +181,26 @@ def with_probable_noise(whitened: WhitenedModel) -> WhitenedModel:
     return whitened if same else whitened.as_fitted(fits)
 
 
-def unlike_others(one: InstrumentPrior, k: int, fits: Sequence[NoiseFit]) -> tuple[float, float]:
-    """By how much the noise is more probable if the k-th axis of an instrument need not be like the
-    others, nats, and how many times their slow noise it has; (0, 1) where there are no others.
+def unlike_others(
+    one: InstrumentPrior, places: Sequence[int], fits: Sequence[NoiseFit]
+) -> tuple[float, float]:
+    """By how much the noise is more probable if some axes of an instrument need not be like the
+    others, nats, and how many times their slow noise they have; (0, 1) where there are no others.
 
     Args:
-        one: the instrument; k: which axis.
-        fits: of these axes, the most probable ones.
+        one: the instrument; places: of these axes in it.
+        fits: of all its axes, the most probable ones.
     """
-    if len(fits) < 2:
+    others = [k for k in range(len(fits)) if k not in places]
+    if not others:
         return 0.0, 1.0
-    rest = one.without(k)
-    others = [f for i, f in enumerate(fits) if i != k]
-    apart = rest.cost(rest.most_probable(others))
-    apart += one.only(k).cost(one.only(k).most_probable([fits[k]]))
-    own = one.axes[k].level(fits[k].model)
-    levels = [axis.level(f.model) for axis, f in zip(rest.axes, others, strict=True)]
-    return max(one.cost(fits) - apart, 0.0), exp(own - sum(levels) / len(levels))
+    apart, levels = 0.0, list[float]()
+    for part in (places, others):
+        own, mine = one.only(part), [fits[k] for k in part]
+        apart += own.cost(own.most_probable(mine))
+        each = [axis.level(f.model) for axis, f in zip(own.axes, mine, strict=True)]
+        levels.append(sum(each) / len(each))
+    return max(one.cost(fits) - apart, 0.0), exp(levels[0] - levels[1])
 
 
 def above_price(above: Sequence[float]) -> float:

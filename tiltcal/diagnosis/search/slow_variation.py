@@ -1,16 +1,22 @@
 """Slow variation that is too large to be an instrument's noise, and that no cause explains.
 
 It fits a random walk or flicker as well as any other slow course, so that only the prior decides:
-instruments have grades, and the axes of one are alike.
+instruments have grades, the axes of one are alike, and so is one in several recordings.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
 
-from tiltcal.diagnosis.model.noise_prior import NOTHING, above_price, instruments, unlike_others
+from tiltcal.diagnosis.model.noise_prior import (
+    NOTHING,
+    InstrumentPrior,
+    above_price,
+    instruments,
+    unlike_others,
+)
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES
 from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED
@@ -22,55 +28,87 @@ SLOW = 0.1
 
 @dataclass(frozen=True)
 class SlowVariation:
-    """Slow variation of one axis of a sensor.
+    """Slow variation of one axis of a sensor, or of all of them in one of several recordings.
 
     Args:
-        sensor, axis: whose.
+        sensor, axes: whose.
+        recording: number of the recording; None where there is one only.
         times: the slow noise of the worst grade, that it is as large as; or that of the other axes
-            of the sensor, where that says more.
-        beside_axes: whether it is that.
+            and recordings of the sensor, where that says more.
+        beside_others: whether it is that.
+        whole: whether all axes in the recording have it.
         probability: that it is no noise.
     """
 
     sensor: str
-    axis: str
+    axes: tuple[str, ...]
+    recording: int | None
     times: float
-    beside_axes: bool
+    beside_others: bool
+    whole: bool
     probability: float
 
 
 def slow_variations(
     whitened: WhitenedModel, least: float, floors: Mapping[str, float]
 ) -> tuple[SlowVariation, ...]:
-    """The channels whose slow noise is no noise with at least this probability: beyond that of the
-    worst grade by its size, not only beside the white noise, or unlike that of the sensor's other
-    axes.
+    """The slow noise that is no noise with at least this probability: beyond that of the worst
+    grade by its size, not only beside the white noise, or unlike that of the sensor's other axes,
+    or of other recordings.
 
     Args:
         whitened: the noise that a model leaves.
         least: probability from which one is told.
         floors: size, SI, of what coarse codes do to a sensor's misfit: none below it is told.
     """
-    observations, fits = whitened.observations, whitened.fits
-    prior = SOMETHING * UNLISTED / len(observations.channels)
+    prior = SOMETHING * UNLISTED / len(whitened.observations.channels)
     prior /= len(ENERGIES)  # that it has this size
     found = []
     for one in instruments(whitened):
-        together = one.most_probable([fits[i] for i in one.which])  # a record at rest has others
-        for k, (i, axis) in enumerate(zip(one.which, one.axes, strict=True)):
-            channel = observations.channels[i]
-            hidden = axis.level(fits[i].model) < np.log(floors.get(channel.sensor) or NOTHING)
-            if channel.derived or hidden:
-                continue
-            above = np.min(axis.above(fits[i].model), axis=0) * _share(fits[i])
-            large, (unlike, times) = above_price(above.tolist()), unlike_others(one, k, together)
-            chance = float(expit(large + unlike + np.log(prior)))
-            if chance >= least and times >= 1:  # of two axes apart, the one with more
-                size = times if unlike > large else float(above.max())
-                found.append(
-                    SlowVariation(channel.sensor, channel.axis, size, unlike > large, chance)
-                )
+        every = _of_instrument(one, whitened, floors, prior)
+        taken: set[int] = set()
+        for slow, places in sorted(every, key=lambda told: -told[0].probability):
+            # of two apart, the one with more; of a recording and an axis in it the more probable
+            if slow.probability >= least and slow.times >= 1 and not taken & set(places):
+                taken |= set(places)
+                found.append(slow)
     return tuple(found)
+
+
+def _of_instrument(
+    one: InstrumentPrior, whitened: WhitenedModel, floors: Mapping[str, float], prior: float
+) -> Iterator[tuple[SlowVariation, list[int]]]:
+    """The slow noise of each axis, and of all axes in each of several recordings, with their
+    places in the instrument.
+    """
+    fits = [whitened.fits[i] for i in one.which]
+    channels = [whitened.observations.channels[i] for i in one.which]
+    together = one.most_probable(fits)  # a record at rest has others
+    several = len(whitened.observations.recordings) > 1
+    recordings = dict.fromkeys(c.recording for c in channels) if several else {}
+    groups = [[k] for k in range(len(fits))]
+    groups += [[k for k, c in enumerate(channels) if c.recording == r] for r in recordings]
+    for places in groups:
+        axes = [(one.axes[k], fits[k], channels[k]) for k in places]
+        if any(
+            c.derived or axis.level(fit.model) < np.log(floors.get(c.sensor) or NOTHING)
+            for axis, fit, c in axes
+        ):
+            continue
+        above = [np.min(axis.above(f.model), axis=0) * _share(f) for axis, f, _ in axes]
+        large = sum(above_price(x.tolist()) for x in above)
+        unlike, times = unlike_others(one, places, together)
+        own = channels[places[0]]
+        slow = SlowVariation(
+            own.sensor,
+            tuple(c.axis for *_, c in axes),
+            own.recording if several else None,
+            times if unlike > large else float(np.max(above)),
+            unlike > large,
+            len(places) > 1,
+            float(expit(large + unlike + np.log(prior))),
+        )
+        yield slow, places
 
 
 def _share(fit: NoiseFit) -> float:

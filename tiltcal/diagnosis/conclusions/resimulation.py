@@ -6,10 +6,12 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.conclusions.fit_figures import FEWEST
+from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.finding_tests import ALPHA
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.dwell_noise import robust_white
 
 
@@ -75,7 +77,7 @@ class Resimulation:
 def resimulate(
     laboratory: Laboratory, amended: Scenario, observations: Observations, fitted: list[Array]
 ) -> Resimulation:
-    """Run the amended scenario along the first recording.
+    """Run the amended scenario along every recording.
 
     Args:
         laboratory: the simulator.
@@ -84,20 +86,18 @@ def resimulate(
             left out of the run.
         fitted: what the closed form says each channel should have read, (n,).
     """
-    recording = observations.recordings[0]
     try:
-        predicted = laboratory.predict(amended, recording, by_others=True)
+        runs = [laboratory.predict(amended, r, by_others=True) for r in observations.recordings]
     except TiltcalError as refusal:
         return Resimulation(refused=str(refusal))
     left, rise, furthest, count = 0.0, 0.0, 0.0, 0
     for channel, algebra in zip(observations.channels, fitted, strict=True):
-        if channel.recording or channel.derived:
+        if channel.derived:
             continue
-        samples = predicted.sensor(amended.named(channel.sensor))
-        full = np.full(len(recording), np.nan)
-        full[samples.rows] = samples.values[:, channel.column]
-        run = full[channel.rows]
+        run = _as_simulated(channel, runs[channel.recording], amended)
         there = ~np.isnan(run) & ~np.isnan(algebra)
+        if there.sum() < FEWEST:
+            continue
         noise = robust_white((channel.values - algebra)[there])
         error = (channel.values - run)[there] / noise
         beside = (algebra - run)[there] / noise
@@ -105,6 +105,14 @@ def resimulate(
         left += float(error @ error)
         rise += float(error @ error - of_fit @ of_fit)
         count += int(there.sum())
-        furthest = max(furthest, float(np.abs(beside).max(initial=0.0)))
+        furthest = max(furthest, float(np.abs(beside).max()))
     rms = float(np.sqrt(left / count)) if count else 0.0
     return Resimulation(rms, furthest, rise, count)
+
+
+def _as_simulated(channel: Channel, run: Recording, amended: Scenario) -> Array:
+    """What the simulator reads in the rows of a channel, SI, (n,); NaN where it reads nothing."""
+    samples = run.sensor(amended.named(channel.sensor))
+    full = np.full(len(run), np.nan)
+    full[samples.rows] = samples.values[:, channel.column]
+    return np.asarray(full[channel.rows])

@@ -116,12 +116,16 @@ def with_new(state: State, proposal: Proposal) -> State:
 
 
 def _with_part(state: State, k: int, proposal: Proposal) -> State:
-    """A state whose k-th cause has a further shape."""
+    """A state whose k-th cause has a further shape: one of all that it may have."""
     fitted, new = state.fitted, proposal.explanation
     law, end = laws(fitted)[k], fitted.findings()[k][-1] + 1
     parts = tuple(replace(t, host=law) for t in new.terms)
     terms = (*fitted.terms[:end], *parts, *fitted.terms[end:])
-    return _priced(replace(state, fitted=refit_linearly(fitted, terms, state.whitened)))
+    shapes = (h for h in state.whitened.hypotheses if h is not law and one_cause(h, law))
+    tried = max(state.causes[k].tried, sum(len(h.names) for h in shapes))
+    causes = [replace(c, tried=tried) if i == k else c for i, c in enumerate(state.causes)]
+    fitted = refit_linearly(fitted, terms, state.whitened)
+    return _priced(replace(state, fitted=fitted, causes=tuple(causes)))
 
 
 def with_cause(state: State, k: int, proposal: Proposal) -> State:

@@ -20,7 +20,7 @@ from tiltcal.diagnosis.search.curve_misfit import (
 )
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.names import named, without_misfits
-from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
+from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, log_priors
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import Cause, State, laws, repriced, without
 from tiltcal.effects import CATALOGUE
@@ -60,7 +60,7 @@ def state_of(hypotheses, *effects):
     whitened = found.whitened.alone(hypotheses, found.start.effects)
     terms = tuple(FittedTerm.start(h) for h in hypotheses)
     fitted = refit(replace(found.start, terms=terms), whitened)
-    causes = tuple(Cause(float(p), 0) for p in np.log(SOMETHING) + log_priors(hypotheses))
+    causes = tuple(Cause(float(p), 0) for p in np.log(EXPECTED_CAUSES) + log_priors(hypotheses))
     state = State(fitted, whitened, causes, (0.0,) * len(causes))
     return repriced(state, GATE.left_by(fitted, whitened))
 

@@ -26,7 +26,7 @@ from tiltcal.diagnosis.search.explanation import explain
 from tiltcal.diagnosis.search.model_search import _exchanged, most_probable, proposals
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.names import named
-from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
+from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, log_priors
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
@@ -265,7 +265,7 @@ def stated(found, *hypotheses):
     terms = tuple(FittedTerm.start(h) for h in hypotheses)
     whitened = found.whitened.alone(hypotheses, found.start.effects)
     fitted = refit(replace(found.start, terms=terms), whitened)
-    prior = float(np.log(SOMETHING) + log_priors(hypotheses)[0])
+    prior = float(np.log(EXPECTED_CAUSES) + log_priors(hypotheses)[0])
     causes, prices = (Cause(prior, 0),) * len(terms), (0.0,) * len(terms)
     return repriced(State(fitted, whitened, causes, prices), GATE.left_by(fitted, whitened))
 

@@ -29,7 +29,7 @@ from tiltcal.diagnosis.search.explanation import explain, explanation_of
 from tiltcal.diagnosis.search.local_level import local_level
 from tiltcal.diagnosis.search.name_probabilities import Row, imitation_odds, name_probabilities
 from tiltcal.diagnosis.search.number_evidence import NumberEvidence
-from tiltcal.diagnosis.search.priors import UNLISTED, log_priors
+from tiltcal.diagnosis.search.priors import UNLISTED_SHARE, log_priors
 from tiltcal.diagnosis.search.rows_in_place import _is_again
 from tiltcal.diagnosis.search.rows_without_name import imitated
 from tiltcal.diagnosis.search.scan import Scan
@@ -171,7 +171,7 @@ def test_priors_sum_to_one_and_a_quarter_is_of_no_list(square):
         [h.log_odds for h, there in zip(hypotheses, passing, strict=True) if there]
     )
     assert prior.sum() == pytest.approx(1.0)
-    assert prior[~listed].sum() == pytest.approx(UNLISTED)
+    assert prior[~listed].sum() == pytest.approx(UNLISTED_SHARE)
 
 
 def test_shapes_of_one_place_share_its_prior(square):

@@ -218,24 +218,24 @@ def _explained(
     state, kept = without_misfits(state, scan)
     chances = tuple(chances[k] for k in kept)
     state, names = named(state, scan, random)
-    fitted, chance = state.fitted, list[Fault]()
+    fitted, random_faults = state.fitted, list[Fault]()
     if floors:
         fitted = drop_below_code(fitted, state.whitened, floors, prepared.blurred)
     else:
-        fitted, chance = _by_chance(fitted, start, state.whitened, gate)
+        fitted, random_faults = _by_chance(fitted, start, state.whitened, gate)
     remaining = laws(fitted)
     held = [k for k, law in enumerate(laws(state.fitted)) if any(law is one for one in remaining)]
     left = gate.left_by(fitted, state.whitened)
     return Explained(
         normalise_tone_phase(fitted, prepared.observations),
         left,
-        tuple(chance),
+        tuple(random_faults),
         gate,
         tuple(names[k] for k in held),
         tuple(chances[k] for k in held),
         slow_variations(left, DOUBTED, floors),
         *(((), ()) if held or doubts else _oscillations(left, fitted, floors)),
-        () if held or chance or _knows_settings(start) else _motions(left, fitted, floors),
+        () if held or random_faults or _knows_settings(start) else _motions(left, fitted, floors),
         doubts,
     )
 

@@ -189,8 +189,7 @@ def _all_reshaped(state: State) -> State:
     """A state with the shapes of its causes refined again, beside the others."""
     for k in range(len(state.causes)):
         rest = without(state, k).fitted
-        places = state.fitted.findings()[k]
-        terms = tuple(state.fitted.terms[i] for i in places)
+        terms = state.terms(k)
         new = refined(terms, rest, state.whitened)
         if any(a.hypothesis is not b.hypothesis for a, b in zip(terms, new, strict=True)):
             other = with_terms(state, k, new)
@@ -284,7 +283,7 @@ def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:
         return kept
     fitted = rest.fitted
     found = proposals(fitted, state.whitened, scan)
-    mine = [_use(state.fitted.terms[i]) for k in which for i in state.fitted.findings()[k]]
+    mine = [_use(term) for k in which for term in state.terms(k)]
     if not found or mine == [_use(t) for t in found[0].explanation.terms]:
         return state
     can_be = np.isfinite(state.cost)  # anything costs less than a size that cannot be

@@ -25,7 +25,9 @@ TAKEN, TWICE, LISTED_TWICE = 0.15, 0.27, 0.024
 ones, the share whose name stands in the model more than once. ``docs/diagnosis_model.md`` says how
 they were learnt.
 """
-AGAIN = float(np.log(priors.UNLISTED / (1 - priors.UNLISTED) * TAKEN * TWICE / LISTED_TWICE))
+AGAIN = float(
+    np.log(priors.UNLISTED_SHARE / (1 - priors.UNLISTED_SHARE) * TAKEN * TWICE / LISTED_TWICE)
+)
 """Log odds of a law that no list has, of which a name explains a share and the same name the rest,
 to laws of that name.
 """
@@ -115,7 +117,7 @@ def imitation_odds(gain: float, columns: int) -> float:
     missed = ndtr(limit - signal)
     share = 2 * signal * gain / (gain + signal**2) ** 2  # density of the rest's share, by signal
     unseen = float(np.trapezoid(missed * share, signal))
-    return float(np.log(priors.UNLISTED / (1 - priors.UNLISTED) * min(unseen, 1.0)))
+    return float(np.log(priors.UNLISTED_SHARE / (1 - priors.UNLISTED_SHARE) * min(unseen, 1.0)))
 
 
 def coarsened(gain: float) -> float:

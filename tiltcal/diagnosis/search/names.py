@@ -28,13 +28,13 @@ from tiltcal.diagnosis.search.name_probabilities import (
     coarsened,
     name_probabilities,
 )
-from tiltcal.diagnosis.search.rows_in_place import rows_in_place, terms_of
+from tiltcal.diagnosis.search.rows_in_place import rows_in_place
 from tiltcal.diagnosis.search.rows_without_name import name_of
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import State, laws, refitted, with_cause, without
 from tiltcal.effects.learned import Learned
 
-NAMELESS = float(np.log(priors.SOMETHING * priors.UNLISTED))
+NAMELESS = float(np.log(priors.EXPECTED_CAUSES * priors.UNLISTED_SHARE))
 """Log odds that a nameless cause is there beside others."""
 
 
@@ -65,7 +65,7 @@ def _most_probable_in_place(
     """A state with the most probable cause in the place of one, the rows that stand, and that of
     this cause. A name that looks better and is separably worse when fitted does not stand.
     """
-    mine = name_of(terms_of(state, k))
+    mine = name_of(state.terms(k))
     names = name_probabilities(rows)
     stated = names.alike[0] if names.listed else UNLISTED
     own = [r for r in rows if r.name == stated and not (r.misfit or r.imitated) and r.proposal]

@@ -11,9 +11,9 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.effects.learned import Learned
 
-UNLISTED = 0.25
+UNLISTED_SHARE = 0.25
 """Of what differs from a model, the share that no list has."""
-SOMETHING = 0.5
+EXPECTED_CAUSES = 0.5
 """Causes that are expected: their number is Poisson, each being there or not by itself at odds of
 this times its share.
 """
@@ -29,7 +29,7 @@ def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:
     curves, of_name = sum(key[0] is None for key in members), share_of_name(members)
     found = np.zeros(len(hypotheses))
     for key, which in members.items():
-        share = UNLISTED / curves if key[0] is None else of_name
+        share = UNLISTED_SHARE / curves if key[0] is None else of_name
         parts = [_part(hypotheses[k]) for k in which]
         for k, part in zip(which, parts, strict=True):
             found[k] = np.log(share / len(set(parts)) / parts.count(part))
@@ -38,7 +38,7 @@ def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:
 
 def share_of_name(kinds: Collection[tuple[object, ...]]) -> float:
     """Prior probability of a named effect in one place. kinds: of all hypotheses."""
-    return (1 - UNLISTED) / max(sum(key[0] is not None for key in kinds), 1)
+    return (1 - UNLISTED_SHARE) / max(sum(key[0] is not None for key in kinds), 1)
 
 
 def _part(hypothesis: Hypothesis) -> tuple[bool, bool]:

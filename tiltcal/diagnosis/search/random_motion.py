@@ -17,15 +17,15 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.cross_prediction import CrossPrediction, Place
 from tiltcal.diagnosis.search.limited_residual import limited
-from tiltcal.diagnosis.search.name_probabilities import UNLISTED as NO_NAME
+from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.oscillations import searched
-from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED, log_priors
+from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_SHARE, log_priors
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import LearnedReadout, LearnedTilt
 
 ALWAYS = (0.0, 1.0)  # knots of a constant
 ONE = {"c0": 1.0, "c1": 1.0}
-PRIOR = SOMETHING * UNLISTED
+PRIOR = EXPECTED_CAUSES * UNLISTED_SHARE
 IN_USE = 0.25  # probability that a motion is in an octave: in two or three of ten
 
 
@@ -106,10 +106,10 @@ def random_motions(
     told = [c for k, c in channels.items() if any(k in part for part in place.parts)]
     best = max(octaves, key=lambda octave: octave.factor)
     used = [octave for octave in octaves if octave.probability > 1 / 2] or [best]
-    names = {NO_NAME: 1.0}
+    names = {UNLISTED: 1.0}
     if octaves[-1] in used and (law := tilt_law(place.name, "time")):
-        slow, random = _in_another_form(law, whitened.hypotheses), UNLISTED / len(every)
-        names = {NO_NAME: random / (random + slow), law: slow / (random + slow)}
+        slow, random = _in_another_form(law, whitened.hypotheses), UNLISTED_SHARE / len(every)
+        names = {UNLISTED: random / (random + slow), law: slow / (random + slow)}
     return (_motion(place, used, told, chance, names),)
 
 

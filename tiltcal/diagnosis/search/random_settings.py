@@ -23,7 +23,7 @@ from tiltcal.diagnosis.data_quality.setting_errors import (
 )
 from tiltcal.diagnosis.model.channel_noise import noise_within_stops
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED, kind, share_of_name
+from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_SHARE, kind, share_of_name
 from tiltcal.diagnosis.search.state import State, laws, refitted, repriced, without
 from tiltcal.effects.table.readout import IndexError_
 
@@ -36,7 +36,7 @@ WIDTHS = 10.0 ** np.arange(-6, 2.1, 0.25)
 """Prior variances of the rotations, in plausible sizes squared: so close to each other that a
 correlation does not stand in for a width between two of them.
 """
-LISTED = float(np.log((1 - UNLISTED) / UNLISTED))
+LISTED = float(np.log((1 - UNLISTED_SHARE) / UNLISTED_SHARE))
 """What a listed cause has before a nameless one, nats."""
 
 
@@ -75,7 +75,7 @@ def cost_with_random_settings(state: State) -> tuple[float, float]:
         return np.inf, np.inf
     within = repriced(state, whitened.as_fitted(noise))
     stops = stops_by_axis(whitened.observations, fitted)
-    prior = float(np.log(SOMETHING * share_of_name({kind(h) for h in whitened.hypotheses})))
+    prior = float(np.log(EXPECTED_CAUSES * share_of_name({kind(h) for h in whitened.hypotheses})))
     evidence = any_axis = -np.inf
     for _, every in stops:
         rotations = rotations_of_stops(every, within.fitted, within.whitened)

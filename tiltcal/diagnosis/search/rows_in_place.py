@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
-from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.search.best_shape import best_shape, in_shapes
 from tiltcal.diagnosis.search.explanation import explain, explained_by, explanation_of
 from tiltcal.diagnosis.search.local_level import local_level
@@ -36,7 +35,7 @@ FIRST_ORDER = 0.01  # of what a law explains, by which its column may differ fro
 def rows_in_place(state: State, k: int, scan: Scan) -> list[Row]:
     """Everything that may stand in the place of a cause, all others being as they are."""
     rest, whitened, cause = without(state, k), state.whitened, state.causes[k]
-    terms = terms_of(state, k)
+    terms = state.terms(k)
     own = explanation_of(terms, cause.tried, rest.fitted, whitened)
     law, every = terms[0].hypothesis, looked_at(rest.fitted, whitened, scan)
     coarse = coarsened(max(e.gain for e in (own, *(p.explanation for p in every))) / 2)
@@ -154,7 +153,7 @@ def _is_again(state: State, k: int) -> bool:
     place as well. Vibrations and pick-up are of several lines by nature.
     """
     every = laws(state.fitted)
-    law, terms = every[k], terms_of(state, k)
+    law, terms = every[k], state.terms(k)
     others = [t.hypothesis for t in terms[1:]] + [other for other in every if other is not law]
     once = law.textbook and not law.line_hz
     return once and any(h.textbook and h.place == law.place for h in others)
@@ -163,8 +162,3 @@ def _is_again(state: State, k: int) -> bool:
 def _same(one: Hypothesis, other: Hypothesis) -> bool:
     """Whether two hypotheses are one law in one place, at any shape."""
     return one is other or (one.listed and (one.place, one.alias) == (other.place, other.alias))
-
-
-def terms_of(state: State, k: int) -> tuple[FittedTerm, ...]:
-    """The terms of a cause."""
-    return tuple(state.fitted.terms[i] for i in state.fitted.findings()[k])

@@ -22,7 +22,7 @@ from tiltcal.diagnosis.search.name_probabilities import (
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import Proposal, State, laws
 
-FURTHER = float(np.log(priors.SOMETHING * (1 - priors.UNLISTED)))
+FURTHER = float(np.log(priors.EXPECTED_CAUSES * (1 - priors.UNLISTED_SHARE)))
 """Log odds that a listed cause is there beside others."""
 
 
@@ -38,7 +38,7 @@ def of_other_source(rows: Sequence[Row], law: Hypothesis) -> Iterator[Row]:
     if not curves:
         return
     curve = max(curves, key=lambda r: r.score)
-    other = float(np.log(priors.UNLISTED / (1 - priors.UNLISTED)))
+    other = float(np.log(priors.UNLISTED_SHARE / (1 - priors.UNLISTED_SHARE)))
     for k, row in enumerate(rows):
         source = law if k == 0 else row.proposal and row.proposal.explanation.hypothesis
         if source and source.listed and source.log_odds:
@@ -77,7 +77,7 @@ def completed(rows: Sequence[Row], own: Explanation, rest: State, coarse: float)
         rows: in the cause's place; own: the explanation of the first of them.
         rest: the other causes; coarse: the likelihood is raised to the power 1/coarse.
     """
-    odds = float(np.log(priors.UNLISTED / (1 - priors.UNLISTED) * TAKEN))
+    odds = float(np.log(priors.UNLISTED_SHARE / (1 - priors.UNLISTED_SHARE) * TAKEN))
     for row, told in _named(rows, own):
         curves = [t for t in told.terms[1:] if not t.hypothesis.listed]
         if curves:

@@ -10,7 +10,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.score_test import SURVIVES, lengths
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, any_of, log_bayes_factor
-from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
+from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, log_priors
 
 
 def _turned(grams: Array) -> tuple[Array, Array]:
@@ -34,7 +34,7 @@ class Scan:
 
     def __init__(self, whitened: WhitenedModel) -> None:
         self._whitened = whitened
-        self.log_odds = log_priors(whitened.hypotheses) + np.log(SOMETHING)
+        self.log_odds = log_priors(whitened.hypotheses) + np.log(EXPECTED_CAUSES)
         self.products = ColumnProducts(whitened)
         self._unsized = np.array([not h.has_plausible_size for h in whitened.hypotheses], bool)
         counts = np.array([len(h.names) for h in whitened.hypotheses], int)

@@ -19,7 +19,7 @@ from tiltcal.diagnosis.model.noise_prior import (
 )
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES
-from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED
+from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_SHARE
 from tiltcal.statistics.noise_spectrum import NoiseFit
 
 SLOW = 0.1
@@ -61,7 +61,7 @@ def slow_variations(
         least: probability from which one is told.
         floors: size, SI, of what coarse codes do to a sensor's misfit: none below it is told.
     """
-    prior = SOMETHING * UNLISTED / len(whitened.observations.channels)
+    prior = EXPECTED_CAUSES * UNLISTED_SHARE / len(whitened.observations.channels)
     prior /= len(ENERGIES)  # that it has this size
     found = []
     for one in instruments(whitened):

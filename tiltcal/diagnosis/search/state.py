@@ -48,6 +48,10 @@ class State:
         fit = self.fitted.deviance + self.fitted.penalty
         return fit / 2 + noise + noise_price(self.whitened) + sum(self.prices)
 
+    def terms(self, k: int) -> tuple[FittedTerm, ...]:
+        """The terms of the k-th cause."""
+        return tuple(self.fitted.terms[i] for i in self.fitted.findings()[k])
+
     def over(self, columns: HypothesisColumns) -> "State":
         """The same model among other hypotheses."""
         return replace(self, whitened=replace(self.whitened, columns=columns))

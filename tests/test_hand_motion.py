@@ -7,7 +7,7 @@ from tiltcal.core.units import DEG
 from tiltcal.laboratory.hand_motion import HandMotion, smoothed_readings
 from tiltcal.laboratory.handheld import predicted_readings
 from tiltcal.laboratory.scenario import parse_scenario
-from tiltcal.laboratory.smoothing import smoothed
+from tiltcal.laboratory.smoothing import smoothed, stops_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.penalised_spline import most_probable_course
 
@@ -191,3 +191,19 @@ def test_a_quartic_is_smoothed_to_itself_at_uneven_stamps(pause):
     # beside a pause by what is near, on one side: to a hundredth of a sample
     step = np.abs(np.diff(course, axis=0)).max(axis=0)
     assert np.all(np.abs(found - course)[inside] < 0.01 * step)
+
+
+@pytest.mark.parametrize("tremor", [0.0, 0.5])
+def test_a_hand_that_trembles_does_not_rest(tremor):
+    """At 2.7 Hz, and as large as this in deg/s: the gyro's noise at rest is none of it."""
+    recording, _, fog = turned(4)
+    t, shakes = recording.time, np.array([0.6, -0.2, 0.7]) * tremor * DEG
+    wave = np.sin(2 * np.pi * 2.7 * t)
+    columns = {n: recording.column(n) + 0.0 for n in recording.column_names}
+    for a, size in zip("xyz", shakes, strict=True):
+        columns[f"gyro_{a}_rad_s"] += size * wave
+    columns["fog_a_rad_s"] += shakes @ AXIS * wave
+    shaken = Recording.from_columns(t, columns)
+    assert (stops_of(shaken) >= 0).any() == (tremor == 0)
+    found = smoothed_readings(scenario(), shaken, ())["fog"][:, 0]
+    assert off(found, fog + shakes @ AXIS * wave, FOG) < 0.7

@@ -1,14 +1,18 @@
 """Readings of a hand-turned sensor without most of their noise, and without gaps."""
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tiltcal.core.arrays import Array, Index
+from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.forward.gravity_transport import EDGE
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import dwells, find_segments
 from tiltcal.setup.sensor import Sensor
+from tiltcal.statistics.projection import column_space
 
 
 def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None) -> Array:
@@ -111,9 +115,59 @@ def _bridged(time: Array, values: Array) -> Array:
     return found
 
 
+TREMOR = 1.0  # s, within which a hand trembles: what is slower is drift
+MOVED = 0.5  # share of a FOG's variance that a triad has to tell
+BY_CHANCE = 1e-6  # that noise makes a triad tell so much
+CORRELATED = 2.0  # samples of filtered noise that say as much as one
+
+
 def stops_of(motion: Recording) -> Index:
-    """Number of the dwell of each row, -1 while moving, (n,)."""
-    stop = np.full(len(motion), -1, dtype=np.intp)
-    for k, s in enumerate(dwells(find_segments(motion))):
-        stop[s.first : s.last] = k
+    """Number of the dwell of each row, -1 while moving, (n,). A hand that trembles does not rest:
+    there a FOG reads more of the motion that a gyro triad reads than of its own noise.
+    """
+    stop, count = np.full(len(motion), -1, dtype=np.intp), 0
+    rates = _rates(motion)
+    fogs = [values for values in rates if values.shape[1] == 1]
+    triads = [values for values in rates if values.shape[1] == 3]
+    for s in dwells(find_segments(motion)):
+        rows = slice(s.first, s.last)
+        pairs = product(fogs, triads)
+        if not any(_trembles(motion.time[rows], fog[rows], gyro[rows]) for fog, gyro in pairs):
+            stop[rows] = count
+            count += 1
     return stop
+
+
+def _rates(motion: Recording) -> list[Array]:
+    """What each rate sensor read, as written, at all rows, NaN where it was not sampled, (n, k)."""
+    found: dict[str, list[Array]] = {}
+    for block in motion.blocks:
+        rows = slice(None) if block.rows is None else block.rows
+        for name, values in block.columns.items():
+            stem, unit = split_unit(name)
+            if unit is not None and COLUMN_UNITS[unit].quantity == "rate":
+                full = np.full(len(motion), np.nan)
+                full[rows] = values
+                found.setdefault(stem.rpartition("_")[0], []).append(full)
+    return [np.column_stack(columns) for columns in found.values()]
+
+
+def _trembles(time: Array, fog: Array, gyro: Array) -> bool:
+    """Whether a FOG and a triad read the same motion in a dwell, away from its ends: there the hand
+    lets go. time: s, (n,); fog: (n, 1); gyro: (n, 3).
+    """
+    from scipy.ndimage import uniform_filter1d
+    from scipy.special import chdtri
+
+    edge = min(EDGE, float(np.ptp(time)) / 4)
+    both = np.column_stack([fog, gyro])[(time > time[0] + edge) & (time < time[-1] - edge)]
+    both = both[~np.isnan(both).any(axis=1)]
+    if len(both) < 2 or (step := float(np.median(np.diff(time)))) <= 0:
+        return False
+    width = max(round(TREMOR / step), 2)
+    quick = both - uniform_filter1d(both, width, axis=0)
+    Q = column_space(quick[:, 1:])
+    total = float(quick[:, 0] @ quick[:, 0])
+    told = float(np.sum((Q.T @ quick[:, 0]) ** 2))
+    least = CORRELATED * float(chdtri(3, BY_CHANCE)) / len(both)
+    return total > 0 and told > max(MOVED, least) * total

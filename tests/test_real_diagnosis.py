@@ -102,11 +102,11 @@ def test_xsens_lacks_cross_axis_terms_and_then_the_g_sensitivity_of_its_gyro_and
 ):
     found, _ = xsens
     assert found["verdict"] == "explained"
-    names = [f["effect"] for f in found["findings"]]
-    assert {*names[:2]} == CROSS_AXIS
-    assert names[2:] == ["gyr_gsens"]
+    findings = {f["effect"]: f for f in found["findings"]}
+    assert len(found["findings"]) == len(findings) == 3
+    assert findings.keys() == {*CROSS_AXIS, "gyr_gsens"}
     assert all(f["class"] == [f["effect"]] for f in found["findings"])
-    largest = max(abs(p["value"]) for n, p in found["findings"][2]["parameters"].items())
+    largest = max(abs(p["value"]) for p in findings["gyr_gsens"]["parameters"].values())
     assert 450 < largest < 600  # deg/h/g; a careful fit: up to 554
 
 

@@ -86,9 +86,8 @@ def _of_instrument(
     together = one.most_probable(fits)  # a record at rest has others
     several = len(whitened.observations.recordings) > 1
     recordings = dict.fromkeys(c.recording for c in channels) if several else {}
-    groups = [[k] for k in range(len(fits))]
-    groups += [[k for k, c in enumerate(channels) if c.recording == r] for r in recordings]
-    for places in groups:
+    whole = [[k for k, c in enumerate(channels) if c.recording == r] for r in recordings]
+    for places in [*whole, *([k] for k in range(len(fits)) if [k] not in whole)]:
         axes = [(one.axes[k], fits[k], channels[k]) for k in places]
         if any(
             c.derived or axis.level(fit.model) < np.log(floors.get(c.sensor) or NOTHING)
@@ -105,7 +104,7 @@ def _of_instrument(
             own.recording if several else None,
             times if unlike > large else float(np.max(above)),
             unlike > large,
-            len(places) > 1,
+            places in whole,
             float(expit(large + unlike + np.log(prior))),
         )
         yield slow, places

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from tiltcal.core.units import G0
+from tiltcal.diagnosis.conclusions.events import beside_drawn_anew
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.search.name_probabilities import Names
+from tiltcal.effects import CATALOGUE
 from tiltcal.effects.events import as_met, same_recording
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
@@ -62,6 +65,22 @@ def test_step_between_two_recordings_is_a_class_with_the_run_to_run_bias(before)
     assert abs(value - 900) < 4 * sigma
     assert sigma < 20
     assert sum(finding.name_probability.values()) == pytest.approx(1, abs=1e-3)
+
+
+def test_each_name_of_an_event_between_two_recordings_is_shared_with_what_is_drawn_anew():
+    step = CATALOGUE["acc_bias_step"]({"time": 0.0}, "accel")
+    between = replace(step, seen_in="b", earlier=("a",))
+    names = Names({"mount_slip": 0.6, "acc_bias_step": 0.4}, ("mount_slip", "acc_bias_step"), ())
+    shared = beside_drawn_anew(names, between)
+    expected = {
+        "mount_slip": 0.3,
+        "remount_repeatability": 0.3,
+        "acc_bias_step": 0.2,
+        "acc_turn_on": 0.2,
+    }
+    assert shared.probability == pytest.approx(expected)
+    assert set(shared.alike) == set(expected)
+    assert beside_drawn_anew(names, replace(between, values={"time": 5.0})) is names
 
 
 def test_remount_between_two_recordings_is_a_class_with_a_slip(before):

@@ -207,7 +207,7 @@ def test_one_stamp_far_ahead_costs_one_row(truth, sound):
         time[300] = time[-1] + 5
 
     found = inspect(honest(truth), [with_times(sound, ahead)])
-    assert [(rows.row, rows.count, rows.back) for rows in found.left_out] == [(301, 1, 1)]
+    assert [(rows.row, rows.count, rows.out_of_order) for rows in found.left_out] == [(301, 1, 1)]
     assert len(found.recordings[0]) == len(sound) - 1
 
 

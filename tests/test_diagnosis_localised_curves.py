@@ -7,6 +7,9 @@ import pytest
 from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
+from tiltcal.diagnosis.search.curve_resolution import RESOLUTIONS, resolutions
+from tiltcal.effects.learned import LearnedReading
 from tiltcal.laboratory.scenario import parse_scenario
 
 G = 9.81
@@ -163,3 +166,13 @@ def test_a_cross_axis_term_that_changes_at_an_instant_is_a_step_of_that_term():
     assert "follows time, in proportion to the force along body y" in finding.statement
     (effect,) = [e for e in found.amended["effect"] if e.get("times") and e.get("lasts", True)]
     assert effect["times"] == "force_y"
+
+
+def test_a_curve_has_a_line_and_other_resolutions_and_each_counts():
+    """What is in proportion pays for one number; of a parabola there is no other resolution."""
+    curve = curve_over(LearnedReading, "time", (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0), sensor="fog")
+    line, *others = resolutions([curve])
+    assert (line.names, line.effect.power, line.effect.knots) == (("c0",), 1.0, ())
+    assert [len(h.effect.knots) for h in others] == [4, 10, 14, 21]
+    assert 2 + len(others) == RESOLUTIONS
+    assert not list(resolutions([curve_over(LearnedReading, "time", (0.0, 1.0, 2.0))]))

@@ -82,3 +82,13 @@ def test_a_hand_that_begins_to_turn_is_no_outlier(rng):
     before, after = ((off_neighbours(values, how) > 8).sum() for how in (None, turning))
     assert before > 5
     assert after <= 3  # no fault is claimed of so few
+
+
+@pytest.mark.parametrize("turn", [(1, -1), (1, 1, -1, -1), (2, -1, -1)])
+def test_stamps_that_come_early_and_late_in_turn_are_not_random(truth, sound, turn):
+    """Double buffers and packets: as large as random stamps that are found."""
+    slopes = slopes_of(sound)
+    late = np.resize(np.array(turn, float), len(slopes))
+    late *= JITTER / late.std()
+    faults = found_in(truth, sound, slopes * late[:, None])
+    assert "data_jitter" not in [fault.effect.id for fault in faults]

@@ -163,12 +163,12 @@ def test_slow_variation_in_one_of_two_recordings_is_a_finding():
     for axis in "xyz":
         wander = np.cumsum(rng.normal(0, 1.0, len(second)))
         columns[f"accel_{axis}_m_s2"] = columns[f"accel_{axis}_m_s2"] + 2e-3 * wander / wander.std()
-    other = Recording.from_columns(second.time, columns)
+    other = Recording.from_columns(second.time, columns, source="recording of Tuesday")
     found = diagnose(honest(truth), [first, other])
     assert found.verdict == "unlisted"
     assert any("Slow variation of accel" in f.statement for f in found.findings)
     assert all(
-        f.where.recording == "in recording 2"
+        f.where.recording == "in recording of Tuesday"
         for f in found.findings
         if "Slow variation" in f.statement
     )

@@ -105,6 +105,9 @@ def test_xsens_lacks_cross_axis_terms_and_then_the_g_sensitivity_of_its_gyro_and
     findings = {f["effect"]: f for f in found["findings"]}
     assert len(found["findings"]) == len(findings) == 3
     assert findings.keys() == {*CROSS_AXIS, "gyr_gsens"}
+    order = [f["delta_bic"] for f in found["findings"]]
+    assert order == sorted(order)
+    assert order[-1] < 0
     assert all(f["class"] == [f["effect"]] for f in found["findings"])
     largest = max(abs(p["value"]) for p in findings["gyr_gsens"]["parameters"].values())
     assert 450 < largest < 600  # deg/h/g; a careful fit: up to 554

@@ -12,7 +12,7 @@ from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, un
 from tiltcal.diagnosis.conclusions.fault_findings import (
     finding_of,
     repeated_stamps,
-    time_going_back,
+    rows_out_of_order,
 )
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, Fitness, verdict_of
 from tiltcal.diagnosis.conclusions.fit_figures import fitness_of, rms_of, under_fixed_white
@@ -52,7 +52,7 @@ def testable(prepared: PreparedData) -> bool:
 def untested(prepared: PreparedData) -> Diagnosis:
     """The answer where nothing can be tested: faults of the data, and what to record."""
     observations, start = prepared.observations, prepared.start
-    faults = (*(finding_of(f) for f in prepared.faults), *_time_of(prepared))
+    faults = (*(finding_of(f) for f in prepared.faults), *_out_of_order(prepared))
     reason = untold(observations.scenario.rig, observations.samples, start.rank)
     figures = Fitness(None, rms_of(observations, start.effects))
     left = observations.residuals(start.effects)
@@ -89,7 +89,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     found = findings_of(said, whitened, log_p)
     order = sorted(range(len(found)), key=lambda k: found[k].delta_bic or 0.0)
     lawful = (replace(found[k], laws=laws[k]) for k in order)
-    nameless = (*nameless_findings(said), *_time_of(prepared))
+    nameless = (*nameless_findings(said), *_out_of_order(prepared))
     findings = (*(finding_of(f) for f in faults), *lawful, *nameless)
     numbers = {place: len(faults) + rank for rank, k in enumerate(order, 1) for place in groups[k]}
     doubt = _doubts_of(said, () if findings else untested_of(observations, prepared.start.rank))
@@ -127,9 +127,9 @@ def _doubts_of(said: Explained, untested: Sequence[str]) -> list[str]:
     return [*([doubted(told)] if told else []), *untested]
 
 
-def _time_of(prepared: PreparedData) -> list[Finding]:
-    """Where time goes back in the recordings."""
-    return time_going_back(prepared.left_out, prepared.observations.scenario.sensor)
+def _out_of_order(prepared: PreparedData) -> list[Finding]:
+    """Rows of the recordings whose time is out of order."""
+    return rows_out_of_order(prepared.left_out, prepared.observations.scenario.sensor)
 
 
 def _notes_of(prepared: PreparedData) -> tuple[str, ...]:

@@ -10,9 +10,9 @@ from tiltcal.effects.parameter import by_name
 from tiltcal.setup.sensor import Sensor
 
 
-def time_going_back(left_out: Sequence[LeftOut], sensors: Sequence[Sensor]) -> list[Finding]:
-    """Time that goes back, as findings: no effect of the catalogue states it, so that they have no
-    part in the amended scenario.
+def rows_out_of_order(left_out: Sequence[LeftOut], sensors: Sequence[Sensor]) -> list[Finding]:
+    """Rows whose time is out of order, as findings: no effect of the catalogue states it, so that
+    they have no part in the amended scenario.
     """
     return [
         Finding(
@@ -27,13 +27,13 @@ def time_going_back(left_out: Sequence[LeftOut], sensors: Sequence[Sensor]) -> l
             probability=1.0,
         )
         for rows in by_recording(left_out)
-        if rows.back
+        if rows.out_of_order
     ]
 
 
 def repeated_stamps(left_out: Sequence[LeftOut]) -> list[str]:
     """Stamps that only repeat, as notes: they may be rounded."""
-    return [rows.words for rows in by_recording(left_out) if not rows.back]
+    return [rows.words for rows in by_recording(left_out) if not rows.out_of_order]
 
 
 def _or_another(fault: Fault) -> str:

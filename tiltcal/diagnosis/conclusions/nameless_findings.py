@@ -37,7 +37,7 @@ def _all_of(said: Explained) -> Iterator[tuple[float, Finding]]:
 def _slow(slow: SlowVariation) -> Finding:
     others = "the other recordings" if slow.whole else f"the other axes of {slow.sensor}"
     beside = others if slow.beside_others else "the worst grade"
-    place = "" if slow.recording is None else f" in recording {slow.recording + 1}"
+    place = f" in {slow.recording}" if slow.recording else ""
     found = _nameless(
         (slow.sensor,),
         slow.axes,

@@ -44,19 +44,19 @@ class LeftOut:
 
     Args:
         row: of the file, the first; count: how many.
-        back: of them those whose time is out of order, and does not only repeat.
+        out_of_order: of them those whose time is out of order, and does not only repeat.
         source: of the recording.
     """
 
     row: int
     count: int
-    back: int
+    out_of_order: int
     source: str
 
     @property
     def words(self) -> str:
         """As a note, or what is said of a finding."""
-        what = "is out of order" if self.back else "repeats or is missing"
+        what = "is out of order" if self.out_of_order else "repeats or is missing"
         return (
             f"{self.source}: {self.count} row(s) whose time {what}, the first at data row"
             f" {self.row}; they are left out"
@@ -109,9 +109,11 @@ def by_recording(left_out: Sequence[LeftOut]) -> list[LeftOut]:
     """Rows that were left out, those of one recording together: a long one is read in pieces."""
     found: dict[str, LeftOut] = {}
     for rows in left_out:
-        first = found.setdefault(rows.source, replace(rows, count=0, back=0))
+        first = found.setdefault(rows.source, replace(rows, count=0, out_of_order=0))
         found[rows.source] = replace(
-            first, count=first.count + rows.count, back=first.back + rows.back
+            first,
+            count=first.count + rows.count,
+            out_of_order=first.out_of_order + rows.out_of_order,
         )
     return list(found.values())
 
@@ -127,7 +129,7 @@ def once(faults: Sequence[Fault]) -> list[Fault]:
 def in_order(
     recording: Recording, last: float = -np.inf, before: int = 0
 ) -> tuple[Recording, list[LeftOut]]:
-    """The recording with increasing stamps: the longest run of rows that has them, so that one
+    """The recording with increasing stamps: the longest sequence of rows that has them, so that one
     stamp too large does not cost all that follow it; and the rows that are left out, if any are.
 
     Args:
@@ -143,8 +145,8 @@ def in_order(
     if count == 0:
         return recording, []
     before_it = np.maximum.accumulate(np.where(keep, time, last))
-    back = int((~keep & np.isfinite(time) & (time != before_it)).sum())
-    rows = LeftOut(before + int(np.argmin(keep)) + 1, count, back, recording.source)
+    wrong = int((~keep & np.isfinite(time) & (time != before_it)).sum())
+    rows = LeftOut(before + int(np.argmin(keep)) + 1, count, wrong, recording.source)
     columns = {name: recording.column(name)[keep] for name in recording.column_names}
     labels = None if recording.labels is None else recording.labels[keep]
     return Recording.from_columns(

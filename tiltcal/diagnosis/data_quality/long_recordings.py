@@ -164,14 +164,14 @@ def read_beginning(path: Path, why: str) -> LongRecording:
 
 
 def _parts(path: Path, spans: Spans, left_out: list[LeftOut]) -> Iterator[Recording]:
-    """Parts of a file that end where a span ends, of about ``PART`` rows; rows whose time goes back
-    are left out, and told.
+    """Parts of a file that end where a span ends, of about ``PART`` rows; rows whose time is out
+    of order are left out, and told.
     """
     return whole_spans(_onward(read_pieces(path, ordered=False), left_out), spans, PART)
 
 
 def _onward(pieces: Iterable[Recording], left_out: list[LeftOut]) -> Iterator[Recording]:
-    """Pieces without the rows whose time goes back, which are added to those left out."""
+    """Pieces without the rows whose time is out of order, which are added to those left out."""
     last, rows = -np.inf, 0
     for piece in pieces:
         sound, out = in_order(piece, last, rows)

@@ -75,7 +75,7 @@ def _within(channel: Channel, recording: Recording, most: int) -> list[float]:
 
 
 def recording_of(effect: Effect, recordings: Sequence[Recording]) -> int:
-    """Number of the recording that an event happened in."""
+    """Number of the recording that an event happened in or a line is in; 0 of anything else."""
     return next((k for k, r in enumerate(recordings) if r.fingerprint == effect.seen_in), 0)
 
 

@@ -20,6 +20,7 @@ from tiltcal.diagnosis.model.noise_prior import (
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES
 from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_SHARE
+from tiltcal.recordings.recording import stem
 from tiltcal.statistics.noise_spectrum import NoiseFit
 
 SLOW = 0.1
@@ -32,7 +33,7 @@ class SlowVariation:
 
     Args:
         sensor, axes: whose.
-        recording: number of the recording; None where there is one only.
+        recording: which, in words; None where there is one only.
         times: the slow noise of the worst grade, that it is as large as; or that of the other axes
             and recordings of the sensor, where that says more.
         beside_others: whether it is that.
@@ -42,7 +43,7 @@ class SlowVariation:
 
     sensor: str
     axes: tuple[str, ...]
-    recording: int | None
+    recording: str | None
     times: float
     beside_others: bool
     whole: bool
@@ -84,9 +85,10 @@ def _of_instrument(
     fits = [whitened.fits[i] for i in one.which]
     channels = [whitened.observations.channels[i] for i in one.which]
     together = one.most_probable(fits)  # a record at rest has others
-    several = len(whitened.observations.recordings) > 1
-    recordings = dict.fromkeys(c.recording for c in channels) if several else {}
-    whole = [[k for k, c in enumerate(channels) if c.recording == r] for r in recordings]
+    recordings = whitened.observations.recordings
+    several = len(recordings) > 1
+    numbers = dict.fromkeys(c.recording for c in channels) if several else {}
+    whole = [[k for k, c in enumerate(channels) if c.recording == number] for number in numbers]
     for places in [*whole, *([k] for k in range(len(fits)) if [k] not in whole)]:
         axes = [(one.axes[k], fits[k], channels[k]) for k in places]
         if any(
@@ -101,7 +103,7 @@ def _of_instrument(
         slow = SlowVariation(
             own.sensor,
             tuple(c.axis for *_, c in axes),
-            own.recording if several else None,
+            stem(recordings[own.recording].source) if several else None,
             times if unlike > large else float(np.max(above)),
             unlike > large,
             places in whole,

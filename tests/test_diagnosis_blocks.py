@@ -2,6 +2,8 @@
 sample.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from builders import ACCEL, GYRO, setup_of
@@ -12,6 +14,7 @@ from tiltcal.effects import make_effect
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.recording import Recording
 
 STEPS = [
     {
@@ -85,6 +88,32 @@ def test_what_is_quick_changes_a_block_by_the_mean_of_its_changes(whole):
         )
 
 
+def test_blocks_are_of_the_same_rows_whatever_cells_are_missing(whole):
+    """Where each block were of so many readings of its own channel, those of a channel that lacks a
+    few would come later and later.
+    """
+    recording, rng = whole.recordings[0], np.random.default_rng(5)
+    lacking = rng.random(len(recording)) < 0.02
+    every = {n: recording.column(n) for n in recording.column_names}
+    cells = {n: np.where(lacking & n.startswith("gyro"), np.nan, c) for n, c in every.items()}
+    lacks = Recording.from_columns(recording.time, cells, metadata=recording.metadata)
+    some = TableObservations(whole.scenario, [lacks], ())
+    blocks = some.averaged(8)
+    larger = effect(whole, "gyr_scale", {"scale_x_ppm": 1000.0}, sensor="gyro")
+    (i,) = some.changes(larger, ())
+    where, column = blocks.channels[i], blocks.changes(larger, ())[i]
+    full = whole.averaged(8)
+    j = next(k for k, c in enumerate(full.channels) if c.name == where.name)
+    complete = full.changes(larger, ())[j]
+    here = where.rows // 8
+    assert np.abs(column - complete[here]).max() < 1e-3 * np.abs(complete).max()
+    said = blocks.predict([larger])[i] - full.predict([larger])[j][here]
+    assert np.abs(said).max() < 0.1 * np.abs(full.predict([])[j]).max() / 8
+    fewer = lacking[: 8 * len(full.channels[j].values)].reshape(-1, 8).any(axis=1)[here]
+    assert where.spread is not None
+    assert (where.spread[fewer] > 1.05).all()
+
+
 class Long:
     """Observations of so many rows, at 100 Hz."""
 
@@ -93,6 +122,7 @@ class Long:
         self.channels = [type("Channel", (), {"values": time})()] * channels
         self.samples = rows * channels
         self.recordings = [type("Recording", (), {"time": time})()]
+        self.courses = []
 
 
 def test_a_short_record_is_not_averaged():
@@ -118,3 +148,17 @@ def test_a_line_keeps_its_power_where_the_rows_allow_it():
     assert block_of(Long(60000), SpectralLines(tones=(4.5,))) == 5
     # a mean over ten samples would hold three whole periods, and nothing
     assert block_of(Long(60000), SpectralLines(tones=(30.0,))) == 5
+
+
+def test_a_block_is_short_beside_the_motion():
+    """A table that swings keeps its rates: half of a swing in one block would leave none."""
+    long = Long(60000)
+    time = long.recordings[0].time
+
+    def block_beside(hz):
+        drive = SimpleNamespace(axes={"outer": SimpleNamespace(v=np.sin(2 * np.pi * hz * time))})
+        long.courses = [SimpleNamespace(time=time, drive=lambda _: drive)]
+        return block_of(long, SpectralLines())
+
+    assert block_beside(0.1) == 20
+    assert block_beside(2.2) == 11

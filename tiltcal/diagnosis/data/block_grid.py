@@ -13,23 +13,9 @@ TURN = 20 * DEG  # between instants while a table turns
 SPREAD = 0.5  # of the time since a table came to rest: between the next instants
 
 
-def samples_taken(samples: int, block: int) -> int:
-    """How many of some samples stand in a number of blocks whose transform is quick."""
-    return min(quick_length(-(-samples // block)) * block, samples)
-
-
-def block_means(values: Array, block: int) -> Array:
-    """Means of blocks of so many values, of those that are taken, (n,) -> (n / block,)."""
-    if block == 1:
-        return values
-    values = values[: samples_taken(len(values), block)]
-    starts = np.arange(0, len(values), block)
-    return np.asarray(np.add.reduceat(values, starts) / np.diff(starts, append=len(values)))
-
-
-def blocks_of(samples: int, block: int) -> int:
-    """Blocks of some samples: what is left at the end is one if it reaches a block's middle."""
-    return max((samples - 1 - block // 2) // block + 1, 1)
+def blocks_of(rows: int, block: int) -> int:
+    """Whole blocks among the rows of a recording; one where they are fewer than a block."""
+    return max(rows // block, 1)
 
 
 def mean_times(time: Array, starts: Index) -> Array:
@@ -38,6 +24,47 @@ def mean_times(time: Array, starts: Index) -> Array:
         return time
     since = np.add.reduceat(time - time[0], starts) / np.diff(starts, append=len(time))
     return np.asarray(time[0] + since)
+
+
+@dataclass(frozen=True)
+class SampleBlocks:
+    """Samples of a channel in the blocks of its recording's rows: blocks of all channels are of the
+    same instants, whatever cells are missing.
+
+    Args:
+        starts: first sample of each block that has any, (blocks,).
+        counts: samples in each, (blocks,).
+    """
+
+    starts: Index
+    counts: Index
+
+    @classmethod
+    def of(cls, rows: Index, block: int, total: int) -> "SampleBlocks":
+        """As many blocks as have a quick transform.
+
+        Args:
+            rows: of the samples in the recording, increasing, (n,).
+            block: rows in each.
+            total: rows of the recording.
+        """
+        number = rows // block
+        number = number[number < blocks_of(total, block)]
+        starts = np.flatnonzero(np.diff(number, prepend=-1))
+        taken = slice(quick_length(len(starts)))
+        return cls(starts[taken], np.diff(starts, append=len(number))[taken])
+
+    @property
+    def samples(self) -> int:
+        """Samples in all of them."""
+        return int(self.counts.sum())
+
+    def means(self, values: Array) -> Array:
+        """Means over the samples of each block, (n,) -> (blocks,)."""
+        values = values[: self.samples]
+        if len(values) == len(self.starts):
+            return values
+        return np.asarray(np.add.reduceat(values, self.starts) / self.counts)
 
 
 @dataclass(frozen=True)
@@ -59,7 +86,8 @@ class BlockGrid:
         """The middles of blocks, which lie between two samples where a block has an even number of
         them. time: of samples, s, (n,).
         """
-        middle = mean_times(time, np.arange(blocks_of(len(time), block)) * block)
+        blocks = blocks_of(len(time), block)
+        middle = mean_times(time[: blocks * block], np.arange(blocks) * block)
         return cls(middle, np.arange(len(middle)), np.ones(len(middle)))
 
     @classmethod
@@ -75,6 +103,9 @@ class BlockGrid:
             angles: of each axis, rad, (n,).
             stop: number of the stop, -1 while moving, (n,).
         """
+        blocks = blocks_of(len(time), block)
+        time, stop = time[: blocks * block], stop[: blocks * block]
+        angles = {name: angle[: blocks * block] for name, angle in angles.items()}
         turned = sum(
             (np.abs(np.diff(a, prepend=a[0])) for a in angles.values()), np.zeros(len(time))
         )
@@ -83,7 +114,7 @@ class BlockGrid:
         rested = np.maximum(time - came, step)
         moved = np.where(stop < 0, turned / TURN, np.minimum(step / (SPREAD * rested), 1.0))
         part = np.floor(np.cumsum(np.minimum(moved, 1.0))).astype(np.intp)
-        number = np.minimum(np.arange(len(time)) // block, blocks_of(len(time), block) - 1)
+        number = np.minimum(np.arange(len(time)) // block, blocks - 1)
         begins = (np.diff(part, prepend=-1) != 0) | (np.diff(number, prepend=-1) != 0)
         first = np.flatnonzero(begins)
         counts = np.diff(first, append=len(time))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.block_grid import Sampling
 from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.forward.nominal_motion import NominalMotion
@@ -27,7 +27,7 @@ def with_spread(
     courses: Sequence[Replay],
     watches: Sequence[NominalMotion],
     samplings: Sequence[Sampling],
-    block: int,
+    counts: Sequence[Index],
 ) -> Iterator[Channel]:
     """Channels with the spread of their rows.
 
@@ -35,7 +35,8 @@ def with_spread(
         channels: as they were read.
         courses, watches: of each recording, what its readout says and what its sensors sense.
         samplings: of each channel, from the instants of its recording's watch to its rows.
-        block: samples that are averaged into one row.
+        counts: of each channel, samples that are averaged into each row, (n,): a row of fewer is
+            noisier.
     """
     variances = [np.zeros(len(c.values)) for c in channels]
     for number, (course, watch) in enumerate(zip(courses, watches, strict=True)):
@@ -44,9 +45,10 @@ def with_spread(
                 for i, c in enumerate(channels):
                     if c.recording == number and c.sensor in changes:
                         each = changes[c.sensor][:, c.column]
-                        variances[i] += samplings[i].of(each) ** 2 / block
-    for channel, variance in zip(channels, variances, strict=True):
-        spread = np.sqrt(1 + variance / white_at_rest(channel.values, channel.stop) ** 2)
+                        variances[i] += samplings[i].of(each) ** 2 / counts[i]
+    for channel, variance, count in zip(channels, variances, counts, strict=True):
+        own = count.max(initial=1) / count
+        spread = np.sqrt(own + variance / white_at_rest(channel.values, channel.stop) ** 2)
         yield replace(channel, spread=spread) if spread.max() > ALIKE else channel
 
 
@@ -68,17 +70,18 @@ def with_growth(
 
 
 def with_growth_of(
-    whole: Sequence[Channel], blocks: Sequence[Channel], mean: Callable[[Array], Array]
+    whole: Sequence[Channel],
+    blocks: Sequence[Channel],
+    means: Sequence[Callable[[Array], Array]],
 ) -> Iterator[Channel]:
     """Channels of blocks whose noise grows as that of their samples.
 
     Args:
-        whole: sample by sample. blocks: the same, averaged, those that are long enough.
-        mean: over the samples of each block, (n,) -> (blocks,).
+        whole: sample by sample. blocks: the same, averaged.
+        means: of each channel, over the samples of each block, (n,) -> (blocks,).
     """
-    growths = {(c.recording, c.name): c.growth for c in whole}
-    for c in blocks:
-        growth = growths[c.recording, c.name]
+    for one, c, mean in zip(whole, blocks, means, strict=True):
+        growth = one.growth
         yield _grown(c, None if growth is None else np.sqrt(mean(growth**2)))
 
 

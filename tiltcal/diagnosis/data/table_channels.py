@@ -9,10 +9,9 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.block_grid import (
     BlockGrid,
+    SampleBlocks,
     Sampling,
-    block_means,
     mean_times,
-    samples_taken,
 )
 from tiltcal.diagnosis.data.curve_columns import CurveColumns
 from tiltcal.diagnosis.data.curve_factors import CurveFactors
@@ -47,6 +46,7 @@ class TableObservations(Observations):
     ) -> None:
         self.block = 1
         self._rows: list[Index] = []
+        self._blocks: list[SampleBlocks] = []
         self.scenario, self.recordings, self.known = scenario, tuple(recordings), tuple(known)
         reference = scenario.climate.reference_degC
         self.courses: list[Replay] = []
@@ -71,12 +71,13 @@ class TableObservations(Observations):
         if block == 1:
             return self
         other = copy(self)
-        other.block, other._rows, other._watches = block, [], {}
+        other.block, other._rows, other._blocks, other._watches = block, [], [], {}
         other._around, other._bent, other._whole = None, [], self
         for name in ("_grids", "_samplings", "_curves"):
             other.__dict__.pop(name, None)
         other.channels = tuple(other._channels())
-        other.channels = tuple(with_growth_of(self.channels, other._with_spread(), other._mean))
+        means = [blocks.means for blocks in other._blocks]
+        other.channels = tuple(with_growth_of(self.channels, other._with_spread(), means))
         return other
 
     def _channels(self) -> list[Channel]:
@@ -91,27 +92,26 @@ class TableObservations(Observations):
                 known = course.known[samples.rows]
                 for k, axis in enumerate(sensor.axes):
                     there = np.flatnonzero(known & ~np.isnan(samples.values[:, k]))
-                    there = there[: samples_taken(quick_length(len(there)), self.block)]
-                    rows = samples.rows[there]
-                    if len(rows) <= 8 * self.block:
+                    there = there[: quick_length(len(there))]
+                    if len(there) <= 8:
                         continue
+                    blocks = SampleBlocks.of(samples.rows[there], self.block, len(recording.time))
+                    there = there[: blocks.samples]
+                    rows = samples.rows[there]
                     self._rows.append(rows)
-                    starts = np.arange(0, len(rows), self.block)
-                    middle = rows[np.minimum(starts + self.block // 2, len(rows) - 1)]
-                    values = self._mean(samples.values[there, k])
-                    when, stop = mean_times(recording.time[rows], starts), course.stop[middle]
+                    self._blocks.append(blocks)
+                    middle = rows[blocks.starts + blocks.counts // 2]
+                    values = blocks.means(samples.values[there, k])
+                    when = mean_times(recording.time[rows], blocks.starts)
+                    stop = course.stop[middle]
                     found.append(Channel(number, sensor.name, axis, k, middle, when, values, stop))
         return found
 
     def _with_spread(self) -> tuple[Channel, ...]:
         """The channels, with how uncertain the readout's rates make their rows."""
         watches = self.watches(self.known)
-        courses, samplings = self.courses, self._samplings
-        return tuple(with_spread(self.channels, courses, watches, samplings, self.block))
-
-    def _mean(self, values: Array) -> Array:
-        """Means of blocks, (n,) -> (n / block,)."""
-        return block_means(values, self.block)
+        counts = [blocks.counts for blocks in self._blocks]
+        return tuple(with_spread(self.channels, self.courses, watches, self._samplings, counts))
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
         """What each channel should have read. SI, (n,) each.
@@ -123,7 +123,7 @@ class TableObservations(Observations):
         if self._whole is None:
             return self._everywhere(effects)
         if any(self.quick(e) and not e.is_identity for e in effects):
-            return self._blocks(self._whole.predict(effects))
+            return self._means(self._whole.predict(effects))
         if not self._bent:
             self.bend_at(effects)
         return [m + b for m, b in zip(self._middles(effects), self._bent, strict=True)]
@@ -133,7 +133,7 @@ class TableObservations(Observations):
         mille turns it with the rest.
         """
         if self._whole is not None:
-            whole = self._blocks(self._whole.predict(effects))
+            whole = self._means(self._whole.predict(effects))
             self._bent = [w - m for w, m in zip(whole, self._middles(effects), strict=True)]
         return self.block > 1
 
@@ -154,9 +154,9 @@ class TableObservations(Observations):
         """Between samples, s."""
         return max(float(np.median(np.diff(r.time))) for r in self.recordings)
 
-    def _blocks(self, columns: Sequence[Array]) -> list[Array]:
+    def _means(self, columns: Sequence[Array]) -> list[Array]:
         """Means of blocks of every channel's samples."""
-        return [self._mean(column) for column in columns]
+        return [b.means(column) for b, column in zip(self._blocks, columns, strict=True)]
 
     def _middles(self, effects: Sequence[Effect]) -> list[Array]:
         """What each channel should have read at the middles of the blocks."""
@@ -195,7 +195,7 @@ class TableObservations(Observations):
         found = []
         for c in self.channels:
             grid = self._grids[c.recording]
-            rows = np.minimum(c.rows // self.block, len(grid.starts) - 1)
+            rows = c.rows // self.block
             first, last = int(rows[0]), int(rows[-1])
             together = last - first == len(rows) - 1 and bool((np.diff(rows) == 1).all())
             found.append(Sampling(grid, slice(first, last + 1) if together else rows))
@@ -217,7 +217,7 @@ class TableObservations(Observations):
                 self.scenario, course, dict.fromkeys(sorted(names), recording.time), met
             )
             found += [
-                self._mean(values[c.sensor][rows, c.column])
+                values[c.sensor][rows, c.column]
                 for c, rows in zip(self.channels, self._rows, strict=True)
                 if c.recording == number
             ]
@@ -229,9 +229,8 @@ class TableObservations(Observations):
         """
         found: Columns = {}
         if self._whole is not None and self.quick(effect):
-            return {
-                i: self._mean(column) for i, column in self._whole.changes(effect, around).items()
-            }
+            whole = self._whole.changes(effect, around)
+            return {i: self._blocks[i].means(column) for i, column in whole.items()}
         for number, watch in enumerate(self.watches(around)):
             changes: dict[str, Array] = {}
             for met in as_met([effect], self.recordings[number].fingerprint):

@@ -23,7 +23,7 @@ from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_fault
 from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
-from tiltcal.diagnosis.model.refitting import refit
+from tiltcal.diagnosis.model.refitting import refit, refitted_at_bend
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.faults import DataDrop
@@ -274,6 +274,4 @@ def calibrated(
     left = zip(observations.channels, observations.residuals(fitted.effects), strict=True)
     noise = [white_noise(robust_white(c.weighed(r))) for c, r in left]
     whitened = WhitenedModel.of(HypothesisColumns(observations), noise, law)
-    fitted = refit(fitted, whitened)
-    bent = observations.bend_at(fitted.effects)
-    return refit(fitted, whitened) if bent else fitted, whitened
+    return refitted_at_bend(refit(fitted, whitened), whitened), whitened

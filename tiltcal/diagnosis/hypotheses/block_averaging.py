@@ -4,6 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.block_grid import SampleBlocks
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import fastest
 from tiltcal.effects.spans import SpectralLines
@@ -12,13 +14,15 @@ MOST_ROWS, MOST_READINGS = 12000, 36000
 """Of a channel and of all together: a longer record is averaged, whatever its spectral lines."""
 ROWS, READINGS = 3000, 9000
 """At least as many are left of one without such lines."""
-SURVIVES = 0.8  # share of a line's power that a block leaves, as long as MOST_ROWS allows it
+SURVIVES = (
+    0.8  # share of power that a block leaves of a line, and of an axis' rate; MOST_ROWS goes first
+)
 HALF = 0.5  # period
 
 
 def block_of(observations: Observations, lines: SpectralLines) -> int:
-    """Samples in a block: as many as leave ROWS and READINGS and keep every spectral line; at least
-    as many as MOST_ROWS and MOST_READINGS demand.
+    """Samples in a block: as many as leave ROWS and READINGS and keep the motion and every spectral
+    line; at least as many as MOST_ROWS and MOST_READINGS demand.
     """
     longest, readings = max(len(c.values) for c in observations.channels), observations.samples
     least = max(-(-longest // MOST_ROWS), -(-readings // MOST_READINGS))
@@ -27,7 +31,11 @@ def block_of(observations: Observations, lines: SpectralLines) -> int:
         return 1
     step = _step(observations)
     beats = _frequencies(observations, lines, least)
-    left = {block: _least_share(beats, step, block) for block in range(least, most + 1)}
+    rates = _rates(observations)
+    left = {
+        block: min(_least_share(beats, step, block), _moves(rates, block))
+        for block in range(least, most + 1)
+    }
     return max((b for b in left if left[b] > SURVIVES), default=max(left, key=lambda b: left[b]))
 
 
@@ -35,6 +43,23 @@ def survives(observations: Observations, lines: SpectralLines, block: int) -> bo
     """Whether means over blocks keep every spectral line."""
     beats = _frequencies(observations, lines, block)
     return _least_share(beats, _step(observations), block) > SURVIVES
+
+
+def _rates(observations: Observations) -> list[Array]:
+    """Rate of every axis that moves, rad/s, (n,) each."""
+    drives = [course.drive(course.time) for course in observations.courses]
+    rates = [np.asarray(jet.v) for drive in drives for jet in drive.axes.values()]
+    return [rate for rate in rates if rate.any()]
+
+
+def _moves(rates: Sequence[Array], block: int) -> float:
+    """The least share of a rate's power that is left in means over blocks."""
+    kept = []
+    for rate in rates:
+        blocks = SampleBlocks.of(np.arange(len(rate)), block, len(rate))
+        means = blocks.means(rate)
+        kept.append(float(blocks.counts @ means**2) / float(np.sum(rate**2)))
+    return min(kept, default=1.0)
 
 
 def _step(observations: Observations) -> float:

@@ -22,6 +22,7 @@ from tiltcal.effects.base import Effect
 PRIOR = 5.0
 RUNAWAY = 4.0  # times the least deviance so far
 ROUNDS = 4  # of Gauss-Newton: columns are exact to a per cent, so each round gains two digits
+SETTLED = 0.1  # of deviance: less is no change
 
 
 def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) -> FittedModel:
@@ -62,6 +63,19 @@ def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) ->
         reached=sum(float(r @ r) for r in residual),
         penalty=float(prior @ (np.array([v for t in terms for v in t.values]) / units) ** 2),
     )
+
+
+def refitted_at_bend(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
+    """A fit whose predictions of blocks bend as it says: bend and fit in turn, until the fit does
+    not change.
+    """
+    for _ in range(ROUNDS):
+        if not whitened.observations.bend_at(fitted.effects):
+            break
+        before, fitted = fitted, refit(fitted, whitened)
+        if abs(fitted.deviance - before.deviance) < SETTLED:
+            break
+    return fitted
 
 
 def refit_linearly(

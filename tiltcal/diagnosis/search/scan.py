@@ -83,7 +83,7 @@ class Scan:
         unsized = self._unsized[which]
         factors = np.zeros(gain.shape)
         if unsized.any():
-            ratio = ENERGIES[:, None, None] / np.broadcast_to(coarse, gain.shape)[unsized]
+            ratio = ENERGIES[:, None, None] / coarse[unsized]
             factors[unsized] = log_bayes_factor(gain[unsized], ratio)
         if not unsized.all():
             ratio = SIZES[:, None, None] * np.where(there, sized, 0.0)[~unsized]

@@ -230,23 +230,29 @@ def test_a_table_over_temperature_is_a_finding_without_a_name():
     assert float(told[1]) == pytest.approx(TABLE_STEP, rel=0.05)
 
 
-def with_pick_up(truth, seed):
-    """A recording whose reading of x has 17 periods a turn of the inner axis while that turns."""
+def with_pick_up(truth, seed, lines=17, of=np.abs):
+    """A recording whose reading of x has so many periods a turn of the inner axis while that turns,
+    in proportion to something of its rate.
+    """
     whole = recorded(truth, seed)
     columns = {name: whole.column(name) for name in whole.column_names}
     inner = np.radians(columns["table_inner_deg"])
-    speed = np.abs(np.gradient(inner, whole.time))
-    columns["accel_x_m_s2"] = columns["accel_x_m_s2"] + 15 * WHITE * speed * np.sin(17 * inner)
+    rate = of(np.gradient(inner, whole.time))
+    columns["accel_x_m_s2"] = columns["accel_x_m_s2"] + 15 * WHITE * rate * np.sin(lines * inner)
     return Recording.from_columns(whole.time, columns)
 
 
-def test_what_a_turning_motor_puts_into_a_reading_is_a_line_over_its_angle():
+@pytest.mark.parametrize(
+    ("of", "lines", "times"), [(np.abs, 17, "speed"), (np.array, 4, "turn_rate_inner")]
+)
+def test_what_a_turning_motor_puts_into_a_reading_is_a_line_over_its_angle(of, lines, times):
+    """By its speed, or by its rate: a voltage changes its sign with the sense of rotation."""
     truth = bench()
-    found = prepare(honest(truth), [with_pick_up(truth, 4)])
+    found = prepare(honest(truth), [with_pick_up(truth, 4, lines, of)])
     wave = spectral_lines_of(found.observations, found.start).waves[0]
     assert (wave.sensor, wave.axis) == ("accel", "x")
-    assert (wave.coordinate, wave.times) == ("table_inner", "speed")
-    assert wave.period == pytest.approx(2 * np.pi / 17)
+    assert (wave.coordinate, wave.times) == ("table_inner", times)
+    assert wave.period == pytest.approx(2 * np.pi / lines)
 
 
 @pytest.mark.slow

@@ -651,6 +651,21 @@ def test_a_curve_may_act_one_way_only():
         learned("accel", "x", **{**law, "times": "way_upper"})
 
 
+def test_a_curve_may_grow_with_the_rate_of_an_angle():
+    """2e-3 cos(middle) times the rate of the middle angle, cos(T / 5) / 5; as an error of a readout
+    it changes with the acceleration too.
+    """
+    law = {"coordinate": "table_middle", "coefficients": [2e-3], "times": "turn_rate_middle"}
+    reading = added(learned("accel", "x", **law))[:, 0]
+    by_hand = 2e-3 * np.cos(np.sin(T / 5)) * np.cos(T / 5) / 5
+    np.testing.assert_allclose(reading, by_hand, atol=1e-6)
+    drive = lively()
+    error = learned(on="readout", axis="middle", **law).along(drive)
+    np.testing.assert_allclose(np.asarray(error.x), reading, atol=1e-14)
+    told = np.gradient(reading, drive.time, edge_order=2)
+    np.testing.assert_allclose(np.asarray(error.v)[2:-2], told[2:-2], atol=1e-6)
+
+
 def test_a_readout_error_may_follow_two_angles_with_the_rates_of_both():
     """cos(outer) sin(middle), and its derivatives against differences of its values."""
     effect = learned(

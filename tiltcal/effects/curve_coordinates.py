@@ -39,6 +39,8 @@ the first stamp; ``warming``: dT/dt;
 """
 WAY = "way_"
 """Begins the name of a factor: which way a table axis last went, -1 or 1, ``way_<axis>``."""
+TURN_RATE = "turn_rate_"
+"""Begins the name of a factor: rate of a table axis, rad/s, ``turn_rate_<axis>``."""
 BEGUN = 0.5 * DEG  # of a turn after which that is known, rad
 AT_REST = 1e-3  # rad/s: less is no motion of a table, Earth's rate among it
 
@@ -80,6 +82,8 @@ def sensed(name: str, sense: Sense, own: Array) -> Array:
         return sense.angles[own_axis]
     if name.startswith(WAY):
         return play(sense.angles[name.removeprefix(WAY)], BEGUN)
+    if name.startswith(TURN_RATE):
+        return sense.turn_rates[name.removeprefix(TURN_RATE)]
     if name in INPUTS:
         quantity, axis = INPUTS[name]
         return np.asarray(getattr(sense, quantity)[:, axis])
@@ -112,7 +116,7 @@ def _braking(rate: Array, acceleration: Array) -> Array:
 
 def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
     """A coordinate of the table's motion along a drive with its time derivatives, (n,): an angle,
-    which way one last went, time, or one of MOTION.
+    its rate, which way it last went, time, or one of MOTION.
 
     Counts and directions jump while the table moves; their derivatives are left out.
 
@@ -126,6 +130,9 @@ def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
     if name.startswith(WAY):
         return crossed(drive.axes[name.removeprefix(WAY)], BEGUN)
     one = np.ones_like(drive.time)
+    if name.startswith(TURN_RATE):
+        turning = drive.axes[name.removeprefix(TURN_RATE)]
+        return Jet(turning.v * one, turning.a * one, 0 * one)
     if name == "time":
         return Jet(drive.elapsed, one, 0 * one)
     if name == "speed":

@@ -10,8 +10,8 @@ ORDERS = 3  # of each angle in a product of two
 
 def multiplier(name: str, drive: Drive) -> Jet:
     """What a curve is multiplied by along a drive with its time derivatives, (n, 1): the
-    temperature from T0 in K, what its rate changes by left out, an angle, which way one last went,
-    or time.
+    temperature from T0 in K, what its rate changes by left out, an angle, its rate, which way it
+    last went, or time.
     """
     if name != "temperature":
         parts = motion_jet(name, drive)

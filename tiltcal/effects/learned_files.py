@@ -5,7 +5,7 @@ from typing import Any
 
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.frames import AXES
-from tiltcal.effects.curve_coordinates import COORDINATES, INPUTS, MOTION, WAY
+from tiltcal.effects.curve_coordinates import COORDINATES, INPUTS, MOTION, TURN_RATE, WAY
 from tiltcal.effects.learned import (
     Learned,
     LearnedDelay,
@@ -123,9 +123,9 @@ def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
             do="leave one out",
         )
     angles = [angle_channel(axis) for axis in setup.rig.axis_names]
-    ways = [f"{WAY}{axis}" for axis in setup.rig.kind.turning]
+    moves = [f"{word}{axis}" for word in (WAY, TURN_RATE) for axis in setup.rig.kind.turning]
     felt = INPUTS if table.get("on", "reading") == "reading" else ()
-    factors = ("", "temperature", "time", "speed", *angles, *ways, *felt)
+    factors = ("", "temperature", "time", "speed", *angles, *moves, *felt)
     return word_of(table, "times", "", factors, subject)
 
 

@@ -30,6 +30,7 @@ class Sense:
         angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1
             while moving, (n,).
         rests: says when each rest began and ended; None: with the first and the last row of a stop.
+        turn_rates: of each table axis, rad/s, (n,).
     """
 
     time: Array
@@ -49,6 +50,7 @@ class Sense:
     angles: Mapping[str, Array] = field(default_factory=dict)
     stop: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None
     rests: Callable[[], Rests] | None = None
+    turn_rates: Mapping[str, Array] = field(default_factory=dict)
 
     @cached_property
     def coning(self) -> Array:

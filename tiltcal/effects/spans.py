@@ -14,8 +14,8 @@ class Wave:
         sensor, axis: of the channel.
         coordinate: its own ``input``, ``temperature``, or a table angle.
         period: SI.
-        times: what its amplitude is in proportion to, ``speed`` or ``input``; empty where it is
-            constant.
+        times: what its amplitude is in proportion to: ``speed``, the rate of that angle
+            (``turn_rate_<axis>``) or ``input``; empty where it is constant.
     """
 
     sensor: str

@@ -198,4 +198,5 @@ def make_sense(sensor: Sensor, setup: Setup, motion: Motion, drive: Drive) -> Se
         {name: np.asarray(jet.x) for name, jet in drive.axes.items()},
         drive.stop,
         drive.rests,
+        {name: np.broadcast_to(jet.v, motion.time.shape) for name, jet in drive.axes.items()},
     )

@@ -10,7 +10,7 @@ from tiltcal.diagnosis.conclusions.finding import Finding, Fitness
 from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
-from tiltcal.effects.curve_coordinates import WAY
+from tiltcal.effects.curve_coordinates import TURN_RATE, WAY
 from tiltcal.effects.curve_products import ORDERS
 from tiltcal.effects.learned import Learned, LearnedDelay, LearnedReadout, LearnedTilt
 from tiltcal.setup.setup import Rig, Setup
@@ -168,6 +168,8 @@ def _factor(times: str) -> str:
         return f"the {axis} angle"
     if times.startswith(WAY):
         return f"which way the {times.removeprefix(WAY)} angle last went"
+    if times.startswith(TURN_RATE):
+        return f"the rate of the {times.removeprefix(TURN_RATE)} angle"
     if times in ("temperature", "time"):
         return "the temperature from T0" if times == "temperature" else "the time"
     return IN_WORDS.get(times, f"the {_along_body(times)}")

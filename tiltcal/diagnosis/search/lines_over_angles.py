@@ -7,7 +7,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.effects.curve_coordinates import coordinate_of
+from tiltcal.effects.curve_coordinates import TURN_RATE, coordinate_of
 from tiltcal.effects.spans import Wave
 from tiltcal.effects.table.drive import EncoderSde
 from tiltcal.setup.tables import angle_channel
@@ -64,7 +64,8 @@ def waves_of(observations: Observations, fitted: FittedModel) -> tuple[Wave, ...
 
     Over temperature they are fringes, or a table of a compensation that is not interpolated, of the
     bias or of the scale factor. Over an angle they are of a constant amplitude or in proportion to
-    the speed of turn: what a motor, a resolver or a ring of contacts puts into a reading. From
+    the speed of turn or the rate of that angle: what a motor, a resolver or a ring of contacts puts
+    into a reading. From
     sample to sample a turn passes half a line of the finest: finer ones look like coarser ones.
     """
     found: list[tuple[float, Wave]] = []
@@ -90,12 +91,14 @@ def waves_of(observations: Observations, fitted: FittedModel) -> tuple[Wave, ...
                 )
                 found.append((strength, Wave(*place, name, FINER * span / n, times)))
         speed = coordinate_of("speed", sense, own)[rows]
-        for name in (angle_channel(axis) for axis in turning):
-            angle = coordinate_of(name, sense, own)[rows]
+        for axis in turning:
+            name, turn_rate = angle_channel(axis), f"{TURN_RATE}{axis}"
+            angle, rate = (coordinate_of(u, sense, own)[rows] for u in (name, turn_rate))
             finest = _finest(channel.time, angle)
             (n, strength), times = max(
                 (_strongest(angle, residual, BEYOND, finest), ""),
                 (_strongest(angle, residual * speed, BEYOND, finest), "speed"),
+                (_strongest(angle, residual * rate, 1, finest), turn_rate),
                 key=lambda each: each[0][1],
             )
             found.append((strength, Wave(*place, name, 2 * np.pi / n, times)))

@@ -595,3 +595,29 @@ def test_a_channel_that_never_changes_beside_noisy_ones_is_stuck(truth, sound):
 def test_rows_left_out_of_the_pieces_of_one_recording_are_said_once():
     pieces = [LeftOut(9, 2, 1, "a.csv"), LeftOut(700, 3, 0, "a.csv"), LeftOut(4, 1, 0, "b.csv")]
     assert by_recording(pieces) == [LeftOut(9, 5, 1, "a.csv"), LeftOut(4, 1, 0, "b.csv")]
+
+
+def test_recordings_that_are_labelled_otherwise_than_the_first_are_refused(truth, sound):
+    """Not repaired as the first is: a sign that is wrong in one only would be turned in both."""
+
+    def turned(recording):
+        return rewritten(recording, accel_x_m_s2=-x_of(recording))
+
+    second = recorded(truth, 6)
+    for pair in ([turned(sound), second], [sound, turned(second)]):
+        with pytest.raises(TiltcalError, match="labelled otherwise than in"):
+            prepare(honest(truth), pair)
+    fault = one_fault_of(prepare(honest(truth), [turned(sound), turned(second)]))
+    assert fault.effect.id == "data_sign"
+    one_pose = rows_of(turned(second), slice(0, 40))  # any labels fit it
+    assert one_fault_of(prepare(honest(truth), [turned(sound), one_pose])).effect.id == "data_sign"
+
+
+def one_fault_of(prepared):
+    (fault,) = prepared.faults
+    return fault
+
+
+def rows_of(recording, rows):
+    columns = {name: recording.column(name)[rows] for name in recording.column_names}
+    return Recording.from_columns(recording.time[rows], columns)

@@ -23,10 +23,11 @@ from tiltcal.diagnosis.search.claimed_causes import (
 )
 from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explanation import explain
-from tiltcal.diagnosis.search.model_search import _exchanged, most_probable, proposals
+from tiltcal.diagnosis.search.model_search import _exchanged, most_probable
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.names import named
 from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, log_priors
+from tiltcal.diagnosis.search.proposals import proposals
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
@@ -149,7 +150,7 @@ def test_a_line_lowers_the_cost_by_no_more_than_it_stands_out_of_its_neighbours(
     lines = spectral_lines_of(found.observations, found.start)
     build_dictionary(found.whitened, found.start, lines)
     nothing = empty(found)
-    every = proposals(nothing.fitted, nothing.whitened, Scan(nothing.whitened))
+    every = proposals(nothing, Scan(nothing.whitened))
     line = next(p for p in every if p.explanation.hypothesis.line_hz)
     state = with_new(nothing, line)
     assert nothing.fitted.deviance - state.fitted.deviance > 1.3 * line.explanation.gain

@@ -61,9 +61,8 @@ class Learned(Effect):
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
             alone.
         times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, ``speed``,
-            rad/s, a table angle, rad, its rate, rad/s (``turn_rate_<axis>``), which way it last
-            went (``way_<axis>``), or, of a reading, an input, SI: a coefficient that varies; empty
-            for none.
+            rad/s, a table angle, rad, its rate (``turn_rate_<axis>``), which way it last went
+            (``way_<axis>``), or, of a reading, an input, SI: it varies; empty for none.
         instants: s from the first stamp, of transients over time: each rises evenly to its
             coefficient within ``rise``, s, before its instant, and falls with the time constant
             ``fall``, s.

@@ -19,7 +19,10 @@ from tiltcal.diagnosis.data_quality.readout_jumps import find_readout_jumps
 from tiltcal.diagnosis.data_quality.stop_errors import find_wrong_stop, stands_alone
 from tiltcal.diagnosis.data_quality.stuck_bit import with_bits
 from tiltcal.diagnosis.data_quality.timestamp_jitter import at_rest_only, find_stamp_jitter
-from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_faults
+from tiltcal.diagnosis.data_quality.units_signs_axes import (
+    find_labelling_faults,
+    require_labelled_alike,
+)
 from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
@@ -180,6 +183,7 @@ def _sound(
     ]
     effects = [*scenario.effects, *(f.effect for f in meant)]
     sound = tuple(undo_labelling_faults(r, scenario, effects) for r in inspected.recordings)
+    require_labelled_alike(scenario, inspected.recordings, sound, meant)
     return sound, [*meant, *faults], inspected
 
 

@@ -28,6 +28,7 @@ from tiltcal.diagnosis.data_quality.labelling import (
 from tiltcal.diagnosis.data_quality.labelling_by_hand import labelling_faults_by_hand
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import (
+    ColumnFault,
     DataRotationSense,
     DataUnit,
 )
@@ -87,6 +88,42 @@ def find_labelling_faults(scenario: Scenario, recording: Recording) -> list[Faul
     return _likeliest(
         [as_written, *(_version(scenario, recording, course, axes) for axes in others)]
     )
+
+
+def require_labelled_alike(
+    scenario: Scenario,
+    recordings: Sequence[Recording],
+    repaired: Sequence[Recording],
+    faults: Sequence[Fault],
+) -> None:
+    """Refuse recordings whose columns are labelled otherwise than those of the first.
+
+    Args:
+        scenario: what is known of all of them.
+        recordings: as they were read; repaired: by the labelling faults of the first.
+        faults: those.
+
+    Raises:
+        TiltcalError: naming the first such recording, and what is wrong there.
+    """
+    known = [f.effect for f in faults]
+    for recording, sound in zip(recordings[1:], repaired[1:], strict=True):
+        own = find_labelling_faults(scenario, recording)
+        if [f.effect for f in own] == known:
+            continue
+        # one that tells nothing by itself is as the first, unless that repair is wrong there; how
+        # an axis counts is no column's fault, and not repaired
+        again = find_labelling_faults(scenario, sound)
+        if any(isinstance(f.effect, ColumnFault) or f.effect not in known for f in again):
+            said = (
+                " ".join(f.words for f in own) or "Its columns are labelled as the scenario says."
+            )
+            raise TiltcalError(
+                recording.source,
+                found=f"columns that are labelled otherwise than in {recordings[0].source}: {said}",
+                need="recordings that are written alike",
+                do="diagnose each by itself, or correct the columns of one",
+            )
 
 
 def _subsets(axes: Sequence[str]) -> list[tuple[str, ...]]:

@@ -19,9 +19,8 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.best_shape import best_shape
-from tiltcal.diagnosis.search.explanation import explained_by
-from tiltcal.diagnosis.search.possible_sizes import possible
 from tiltcal.diagnosis.search.priors import kind
+from tiltcal.diagnosis.search.proposals import proposals
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import refined
 from tiltcal.diagnosis.search.state import (
@@ -37,7 +36,6 @@ from tiltcal.diagnosis.search.state import (
 from tiltcal.effects.learned import Learned
 from tiltcal.statistics.noise_spectrum import white_noise
 
-LOOKED_AT = 14  # hypotheses of the largest evidence whose deviations are worked out
 AHEAD = 5  # of them after which the next cause is looked for
 HALF = 0.5  # of the best score, or of what is needed: what has less is not looked at further
 MOST = 5  # causes
@@ -46,27 +44,6 @@ SETTLED = 0.1  # nats: less is not worth another round
 
 Visit = tuple[list[object], float]
 """The causes of a model under the noise that it leaves, and its cost, nats."""
-
-
-def proposals(fitted: FittedModel, whitened: WhitenedModel, scan: Scan) -> list[Proposal]:
-    """What may explain the residual of a model, best first, each place at its best shape."""
-    found = [p for p in looked_at(fitted, whitened, scan) if possible(p.explanation.terms[0])]
-    return sorted(found, key=lambda p: -p.score)
-
-
-def looked_at(fitted: FittedModel, whitened: WhitenedModel, scan: Scan) -> list[Proposal]:
-    """The hypotheses of the largest evidence, with sizes that cannot be among them."""
-    score = scan.log_bayes_factors(fitted) + scan.log_odds
-    seen: dict[object, int] = {}
-    for k in np.argsort(-score):
-        hypothesis = whitened.hypotheses[k]
-        place = (hypothesis.place, hypothesis.alias) if hypothesis.listed else kind(hypothesis)
-        seen.setdefault((place, 0 if hypothesis.listed else len(hypothesis.names)), int(k))
-        if len(seen) == LOOKED_AT:
-            break
-    normals = [(k, scan.products.normal_equations(k, fitted)) for k in seen.values()]
-    told = [(k, explained_by(normal, fitted, whitened)) for k, normal in normals]
-    return [Proposal(t, float(scan.log_odds[k])) for k, t in told if t is not None]
 
 
 def most_probable(
@@ -165,13 +142,14 @@ def improved(state: State) -> State:
     """Causes exchanged, merged, split and added under one noise, until nothing lowers the cost."""
     scan, newest = Scan(state.whitened), -1
     while True:
-        state = _merged(_each_exchanged(state, newest, scan), scan)
+        state = _each_exchanged(state, newest, scan)
         count = len(state.fitted.findings())
         more = _added(state, scan) if count < MOST else None
         if more is not None and (kept := _cheaper(more, state)) is not state:
             newest, state = count, kept
             continue
-        other = _split(_all_reshaped(state), scan)
+        if (other := _merged(state, scan)) is state:
+            other = _split(_all_reshaped(state), scan)
         if not other.cost < state.cost - SETTLED:
             return state
         newest, state = -1, other
@@ -211,7 +189,7 @@ def _split(state: State, scan: Scan) -> State:
         return state
     for k in range(len(state.causes)):
         rest, mine = without(state, k), laws(state.fitted)[k]
-        found = proposals(rest.fitted, state.whitened, scan)
+        found = proposals(rest, scan)
         others = [p for p in found if _place(p.explanation.hypothesis) != _place(mine)]
         # the deviation of one would take the place of the other
         rivals = [replace(p, explanation=p.explanation.plain or p.explanation) for p in others]
@@ -247,8 +225,7 @@ def _merged(state: State, scan: Scan) -> State:
 
 def _added(state: State, scan: Scan) -> State | None:
     """One more cause: that after which, with the best next one, the cost is least."""
-    fitted, whitened = state.fitted, state.whitened
-    found = [p for p in proposals(fitted, whitened, scan) if p.score > 0]
+    found = [p for p in proposals(state, scan) if p.score > 0]
     if not found:
         return None
     rivals = _shaped(_rivals(found), state)
@@ -281,8 +258,7 @@ def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:
     rest = without(state, *which)
     if (kept := _cheaper(rest, state)) is not state:
         return kept
-    fitted = rest.fitted
-    found = proposals(fitted, state.whitened, scan)
+    found = proposals(rest, scan)
     mine = [_use(term) for k in which for term in state.terms(k)]
     if not found or mine == [_use(t) for t in found[0].explanation.terms]:
         return state

@@ -9,7 +9,6 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
 from tiltcal.diagnosis.search.best_shape import best_shape, in_shapes
 from tiltcal.diagnosis.search.explanation import explain, explained_by, explanation_of
 from tiltcal.diagnosis.search.local_level import local_level
-from tiltcal.diagnosis.search.model_search import looked_at
 from tiltcal.diagnosis.search.name_probabilities import (
     LEAST,
     UNLISTED,
@@ -17,6 +16,7 @@ from tiltcal.diagnosis.search.name_probabilities import (
     coarsened,
 )
 from tiltcal.diagnosis.search.possible_sizes import possible
+from tiltcal.diagnosis.search.proposals import looked_at
 from tiltcal.diagnosis.search.rows_without_name import (
     completed,
     imitated,
@@ -37,7 +37,7 @@ def rows_in_place(state: State, k: int, scan: Scan) -> list[Row]:
     rest, whitened, cause = without(state, k), state.whitened, state.causes[k]
     terms = state.terms(k)
     own = explanation_of(terms, cause.tried, rest.fitted, whitened)
-    law, every = terms[0].hypothesis, looked_at(rest.fitted, whitened, scan)
+    law, every = terms[0].hypothesis, looked_at(rest, scan)
     coarse = coarsened(max(e.gain for e in (own, *(p.explanation for p in every))) / 2)
     rows = [row_of(own, cause.log_prior, coarse)]
     known = {id(p.explanation.hypothesis) for p in every}

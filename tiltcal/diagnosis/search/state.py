@@ -5,8 +5,9 @@ A change is worked out to first order. Only a model that is kept is fitted to si
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explanation import Explanation, explanation_of
 from tiltcal.diagnosis.search.possible_sizes import possible
+from tiltcal.diagnosis.search.scan import Scan
 
 
 @dataclass(frozen=True)
@@ -32,12 +34,21 @@ class Cause:
 
 @dataclass(frozen=True)
 class State:
-    """A model, its causes in the order of its findings, and their prices, nats."""
+    """A model, its causes in the order of its findings, and their prices, nats.
+
+    Attributes:
+        rests: the same without some of the causes, by their numbers, as they were asked for.
+        proposals: what may explain its residual, as a scan says.
+    """
 
     fitted: FittedModel
     whitened: WhitenedModel
     causes: tuple[Cause, ...] = ()
     prices: tuple[float, ...] = ()
+    rests: dict[tuple[int, ...], "State"] = field(default_factory=dict, init=False, repr=False)
+    proposals: "WeakKeyDictionary[Scan, list[Proposal]]" = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
 
     @cached_property
     def cost(self) -> float:
@@ -96,12 +107,15 @@ def one_cause(one: Hypothesis, other: Hypothesis) -> bool:
 
 def without(state: State, *which: int) -> State:
     """A state without some of its causes."""
+    if which in state.rests:
+        return state.rests[which]
     places = {i for k in which for i in state.fitted.findings()[k]}
     terms = tuple(t for i, t in enumerate(state.fitted.terms) if i not in places)
     fitted = refit_linearly(state.fitted, terms, state.whitened)
     causes = tuple(c for i, c in enumerate(state.causes) if i not in which)
     prices = tuple(p for i, p in enumerate(state.prices) if i not in which)
-    return State(fitted, state.whitened, causes, prices)
+    state.rests[which] = State(fitted, state.whitened, causes, prices)
+    return state.rests[which]
 
 
 def with_new(state: State, proposal: Proposal) -> State:

@@ -148,6 +148,23 @@ def stored_of(whitened: WhitenedModel, terms: Sequence[FittedTerm]) -> list[Colu
     ]
 
 
+def vectors_of(
+    whitened: WhitenedModel, terms: Sequence[FittedTerm], about: Sequence[Effect]
+) -> list[Vector]:
+    """Change of the readings per plausible size of each fitted value. Where the effects that it is
+    about are those of the hypotheses, all fits under one noise share these vectors.
+    """
+    if tuple(about) != whitened.columns.around:
+        source = object()
+        return [Vector(source, k, c) for k, c in enumerate(whitened_of(whitened, terms, about))]
+    found = []
+    for term in terms:
+        adjustable = term.hypothesis.effect.role == "calibration"
+        own = whitened_of(whitened, [term], about) if adjustable else stored_of(whitened, [term])
+        found += [Vector(term.hypothesis, n, c) for n, c in zip(term.names, own, strict=True)]
+    return found
+
+
 def columns_of(
     observations: Observations, terms: Sequence[FittedTerm], effects: Sequence[Effect]
 ) -> list[Columns]:

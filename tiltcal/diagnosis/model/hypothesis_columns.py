@@ -38,6 +38,11 @@ class HypothesisColumns:
         self._store = ColumnStore()
         self._kept: dict[tuple[tuple[str, str | None, str | None], str], tuple[bytes, Columns]] = {}
 
+    @property
+    def around(self) -> tuple[Effect, ...]:
+        """The model that the hypotheses stand for; none without hypotheses."""
+        return self._around
+
     def add(self, hypothesis: Hypothesis, around: Sequence[Effect]) -> None:
         """Add the columns of a hypothesis; one that changes nothing is left out."""
         self._around = self._around or tuple(around)

@@ -12,7 +12,7 @@ from tiltcal.diagnosis.model.fitted_model import (
     FittedTerm,
     Vector,
     stored_of,
-    whitened_of,
+    vectors_of,
 )
 from tiltcal.diagnosis.model.gram_inverse import column_lengths, prior_covariance, pseudo_inverse
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -21,21 +21,34 @@ from tiltcal.effects.base import Effect
 # plausible sizes: how far ordinary calibration terms may be from nothing when the data do not say
 PRIOR = 5.0
 RUNAWAY = 4.0  # times the least deviance so far
-ROUNDS = 4  # of Gauss-Newton: columns are exact to a per cent, so each round gains two digits
+ROUNDS = 4  # of Gauss-Newton: columns are right to a per cent, so each round gains two digits
 SETTLED = 0.1  # of deviance: less is no change
 
 
-def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) -> FittedModel:
-    """Fit all values of a fitted model to the readings, under the whitened model's noise."""
+def refit(
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+    rounds: int = ROUNDS,
+    about: Sequence[Effect] | None = None,
+) -> FittedModel:
+    """Fit all values of a fitted model to the readings.
+
+    Args:
+        fitted: the model.
+        whitened: under its noise.
+        rounds: of Gauss-Newton, at most.
+        about: effects that the columns are about; None: those of the hypotheses where there are
+            any, else its own.
+    """
     terms = [*fitted.nuisance, *fitted.terms]
     split = len(fitted.nuisance)
     units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
     lengths = [len(c.values) for c in whitened.observations.channels]
     if not lengths:  # every reading was at fault
         return fitted
-    effects = fitted.effects
-    columns = whitened_of(whitened, terms, effects)
-    design = BlockDesignMatrix(columns, lengths)
+    about = about or whitened.columns.around or fitted.effects
+    columns = vectors_of(whitened, terms, about)
+    design = BlockDesignMatrix([c.parts for c in columns], lengths)
     gram = design.gram
     size = column_lengths(gram)
     prior = np.array(
@@ -47,7 +60,6 @@ def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) ->
         fitted.known, terms, whitened, design, inverse, prior, size, rounds
     )
     left = tuple(design.explain(residual)[1])
-    source = object()
     covariance = inverse + prior_covariance(open_, relative)
     covariance = covariance / np.outer(size, size) * np.outer(units, units)
     return replace(
@@ -55,9 +67,9 @@ def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) ->
         nuisance=tuple(terms[:split]),
         terms=tuple(terms[split:]),
         residual=left,
-        columns=tuple(Vector(source, k, c) for k, c in enumerate(columns)),
+        columns=tuple(columns),
         design=design,
-        reference=Vector(source, "left", dict(enumerate(left))),
+        reference=Vector(object(), "left", dict(enumerate(left))),
         moved=(),
         covariance=covariance,
         reached=sum(float(r @ r) for r in residual),
@@ -66,13 +78,13 @@ def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) ->
 
 
 def refitted_at_bend(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
-    """A fit whose predictions of blocks bend as it says: bend and fit in turn, until the fit does
-    not change.
+    """A fit about itself, whose predictions of blocks bend as it says: bend and fit in turn, until
+    the fit does not change.
     """
     for _ in range(ROUNDS):
         if not whitened.observations.bend_at(fitted.effects):
             break
-        before, fitted = fitted, refit(fitted, whitened)
+        before, fitted = fitted, refit(fitted, whitened, about=fitted.effects)
         if abs(fitted.deviance - before.deviance) < SETTLED:
             break
     return fitted

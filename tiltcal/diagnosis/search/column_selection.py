@@ -41,6 +41,7 @@ class ColumnSelection:
         self.choice, self.numbers = 0.0, list[NumberEvidence]()
         self._G, self._b, self._law, self._sized = gram, target, law, sized
         self._raw, self._shares = raw, shares
+        self._info, self._there = self._beside()
 
     def add_sizes(self) -> None:
         """Those sizes of the law that have evidence, and the strongest."""
@@ -82,12 +83,12 @@ class ColumnSelection:
         """
         left = self._law.copy()
         left[self.used] = False
-        seen = self._info()[1][left]
+        seen = self._there[left]
         rest = np.where(seen, np.minimum(self._factors(self._widths())[left], 0.0), 0.0)
         self.choice = float(np.logaddexp(0.0, rest).sum())
         self.choice -= float(np.log(2.0 ** self._law.sum() - 1))
 
-    def _info(self) -> tuple[Array, Mask]:
+    def _beside(self) -> tuple[Array, Mask]:
         """Information of each column beside those taken, and which still have some: what is left of
         little is rounding.
         """
@@ -98,13 +99,14 @@ class ColumnSelection:
 
     def _widths(self) -> Array:
         """Prior variances of the sizes of the law over those of their estimates, (k, p)."""
-        info, _ = self._info()
-        return SIZES[:, None] * info if self._sized else ENERGIES[:, None] + 0.0 * info
+        if self._sized:
+            return np.asarray(SIZES[:, None] * self._info)
+        return ENERGIES[:, None] + 0.0 * self._info
 
     def _factors(self, widths: Array) -> Array:
         """Log Bayes factor of each column, under each of these prior variances alike, (p,)."""
-        info, there = self._info()
-        return np.where(there, log_bayes_factor(self._b**2 / info, widths), -np.inf)
+        factors = log_bayes_factor(self._b**2 / self._info, widths)
+        return np.where(self._there, factors, -np.inf)
 
     def _take_strongest(self, left: Collection[int], widths: Array, price: float = 0.0) -> int:
         """Take in the column of these that has the largest evidence; its number."""
@@ -118,9 +120,10 @@ class ColumnSelection:
         nothing has no evidence, whatever it explains.
         """
         gain = float(self._b[i] ** 2 / self._G[i, i]) if self._G[i, i] > 0 else 0.0
-        ratio = widths[:, i] if self._info()[1][i] else np.zeros(len(widths))
+        ratio = widths[:, i] if self._there[i] else np.zeros(len(widths))
         self.numbers.append(NumberEvidence(gain, ratio, price, needed=not self.used))
         self.used.append(i)
         if self._G[i, i] > 0:
             part = self._G[i] / self._G[i, i]
             self._b, self._G = self._b - part * self._b[i], self._G - np.outer(part, self._G[i])
+        self._info, self._there = self._beside()

@@ -13,6 +13,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.curve_factors import CurveFactors
 from tiltcal.effects.base import Effect
+from tiltcal.effects.data.labelling_faults import DataTruncation
 from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
@@ -107,6 +108,13 @@ class Observations(ABC):
     """The motion that a table's readout says, of each recording; none where there is no table."""
     block = 1
     """Samples that are averaged into one."""
+
+    @property
+    def cut(self) -> dict[str, float]:
+        """Steps that readouts are cut to, of the axes where they are, rad."""
+        cuts = [e for e in self.known if isinstance(e, DataTruncation)]
+        axes = self.scenario.rig.axis_names
+        return {a: e.value("step") for e in cuts for a in axes if e.axis in (None, a)}
 
     @abstractmethod
     def predict(self, effects: Sequence[Effect]) -> list[Array]:

@@ -2,7 +2,7 @@
 rates and the accelerations that the readout tells, and their own noise may grow.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +28,7 @@ def with_spread(
     watches: Sequence[NominalMotion],
     samplings: Sequence[Sampling],
     counts: Sequence[Index],
+    cut: Mapping[str, float],
 ) -> Iterator[Channel]:
     """Channels with the spread of their rows.
 
@@ -37,10 +38,17 @@ def with_spread(
         samplings: of each channel, from the instants of its recording's watch to its rows.
         counts: of each channel, samples that are averaged into each row, (n,): a row of fewer is
             noisier.
+        cut: steps that a readout is cut to, of those axes that have any, rad. An angle may be
+            anywhere within one, and stays there while its axis rests: no average tells more.
     """
     variances = [np.zeros(len(c.values)) for c in channels]
     for number, (course, watch) in enumerate(zip(courses, watches, strict=True)):
         for axis in course.angles:
+            unknown = Jet(np.full(len(watch.time), cut.get(axis, 0.0) / np.sqrt(12)))
+            by_angle = watch.by_motion(axis, unknown) if axis in cut else {}
+            for i, c in enumerate(channels):
+                if c.recording == number and c.sensor in by_angle:
+                    variances[i] += samplings[i].of(by_angle[c.sensor][:, c.column]) ** 2
             for changes in _by_noise(axis, course, watch):
                 for i, c in enumerate(channels):
                     if c.recording == number and c.sensor in changes:

@@ -111,7 +111,8 @@ class TableObservations(Observations):
         """The channels, with how uncertain the readout's rates make their rows."""
         watches = self.watches(self.known)
         counts = [blocks.counts for blocks in self._blocks]
-        return tuple(with_spread(self.channels, self.courses, watches, self._samplings, counts))
+        about = self.channels, self.courses, watches, self._samplings
+        return tuple(with_spread(*about, counts, self.cut))
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
         """What each channel should have read. SI, (n,) each.

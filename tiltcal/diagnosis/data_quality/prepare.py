@@ -24,6 +24,7 @@ from tiltcal.diagnosis.data_quality.units_signs_axes import (
     require_labelled_alike,
 )
 from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
+from tiltcal.diagnosis.model.channel_noise import white_of_differences
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.refitting import refit, refitted_at_bend
@@ -275,7 +276,6 @@ def calibrated(
         else:
             terms[k] = replace(terms[k], values=tuple(effect.value(n) for n in terms[k].names))
     fitted = FittedModel(tuple(known), tuple(terms))
-    left = zip(observations.channels, observations.residuals(fitted.effects), strict=True)
-    noise = [white_noise(robust_white(c.weighed(r))) for c, r in left]
+    noise = white_of_differences(fitted, observations)
     whitened = WhitenedModel.of(HypothesisColumns(observations), noise, law)
     return refitted_at_bend(refit(fitted, whitened), whitened), whitened

@@ -13,6 +13,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.statistics.cosine_transform import cosines
+from tiltcal.statistics.dwell_noise import robust_white
 from tiltcal.statistics.noise_spectrum import (
     NoiseFit,
     NoiseModel,
@@ -57,6 +58,12 @@ def noise_under(
             mean = np.column_stack([mean, extra[i]])
         found.append(observations.as_unsteady(i, r, mean, estimate_noise(left, mean, law)))
     return found
+
+
+def white_of_differences(fitted: FittedModel, observations: Observations) -> list[NoiseModel]:
+    """White noise alone of each channel, as second differences of what a model leaves tell it."""
+    left = zip(observations.channels, observations.residuals(fitted.effects), strict=True)
+    return [white_noise(robust_white(c.weighed(r))) for c, r in left]
 
 
 def noise_within_stops(fitted: FittedModel, whitened: WhitenedModel) -> list[NoiseFit] | None:

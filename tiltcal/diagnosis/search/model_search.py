@@ -13,7 +13,11 @@ from itertools import combinations
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.channel_noise import models, noise_within_stops
+from tiltcal.diagnosis.model.channel_noise import (
+    models,
+    noise_within_stops,
+    white_of_differences,
+)
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
@@ -34,7 +38,6 @@ from tiltcal.diagnosis.search.state import (
     without,
 )
 from tiltcal.effects.learned import Learned
-from tiltcal.statistics.noise_spectrum import white_noise
 
 AHEAD = 5  # of them after which the next cause is looked for
 HALF = 0.5  # of the best score, or of what is needed: what has less is not looked at further
@@ -52,7 +55,7 @@ def most_probable(
     gate: NoiseGate,
     found: Callable[[int], None] = lambda _: None,
 ) -> State:
-    """The model of the least cost, from the noise of a model without causes, from its white part
+    """The model of the least cost, from the noise of a model without causes, from white noise
     alone, and from the noise within the stops.
 
     Args:
@@ -74,7 +77,7 @@ def most_probable(
 def _starts(null: State, gate: NoiseGate) -> Iterator[WhitenedModel]:
     yield null.whitened
     if gate.static is None:
-        yield null.whitened.under([white_noise(m.white) for m in null.whitened.noise])
+        yield null.whitened.under(white_of_differences(null.fitted, null.whitened.observations))
         if (still := noise_within_stops(null.fitted, null.whitened)) is not None:
             yield null.whitened.under(models(still))
 

@@ -16,9 +16,14 @@ WIDE = (6, 12, 24, 48, 96)  # widths of a line, of a band that a wandering line 
 
 
 def spectral_lines_of(observations: Observations, fitted: FittedModel) -> SpectralLines:
-    """All lines in the residual of a fitted model."""
+    """All lines in the residual of a fitted model. A readout that is cut to steps beats with the
+    motion: then only those in the readings.
+    """
+    tones = tones_of(observations, fitted)
+    if observations.cut:
+        return SpectralLines(tones)
     return SpectralLines(
-        tones_of(observations, fitted),
+        tones,
         shakes_of(observations, fitted),
         echoes_of(observations, fitted),
         late_of(observations, fitted),

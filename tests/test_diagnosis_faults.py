@@ -23,8 +23,11 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.data_quality.readout_jumps import jump_of
 from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_faults
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
+from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
+from tiltcal.statistics.dwell_noise import white_at_rest
 
 
 def x_of(recording):
@@ -250,6 +253,22 @@ def test_a_readout_cut_to_a_few_decimals(truth, sound):
     )
     # a reading may be off by what both axes lack
     assert found.floors["accel"] == pytest.approx(9.81 * 2 * np.radians(0.05), rel=1e-6)
+
+
+def test_readings_weigh_less_by_the_error_of_a_cut_readout(truth, sound):
+    """The inner axis is z of the body: it turns f_y into f_x, by a step over the root of twelve."""
+    n = "table_inner_deg"
+    cut = rewritten(sound, **{n: np.floor(sound.column(n) / 0.05) * 0.05})
+    found = prepare(honest(truth), [cut])
+    of_x, of_y, of_z = found.observations.channels
+    rest = of_x.stop >= 0
+    error = of_y.values * np.radians(0.05) / np.sqrt(12)
+    expected = np.hypot(1, error / white_at_rest(of_x.values, of_x.stop))
+    assert expected[rest].max() > 1.5
+    np.testing.assert_allclose(of_x.spread[rest], expected[rest], rtol=0.02)
+    assert of_z.spread is None
+    lines = spectral_lines_of(found.observations, found.start)
+    assert lines == SpectralLines(lines.tones)  # its steps beat with the motion
 
 
 def test_the_counts_of_a_coarse_encoder_are_no_cut_decimals(truth, sound):

@@ -161,6 +161,7 @@ def sense_of(
         sensor.full_scale,
         where,
         np.arange(len(up)),
+        turn_rates=dict.fromkeys(where, np.zeros(len(up))),
     )
 
 

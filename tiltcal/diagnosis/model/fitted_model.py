@@ -152,9 +152,9 @@ def vectors_of(
     whitened: WhitenedModel, terms: Sequence[FittedTerm], about: Sequence[Effect]
 ) -> list[Vector]:
     """Change of the readings per plausible size of each fitted value. Where the effects that it is
-    about are those of the hypotheses, all fits under one noise share these vectors.
+    about are those that all fits share, they share these vectors too under one noise.
     """
-    if tuple(about) != whitened.columns.around:
+    if tuple(about) != whitened.columns.shared_about:
         source = object()
         return [Vector(source, k, c) for k, c in enumerate(whitened_of(whitened, terms, about))]
     found = []

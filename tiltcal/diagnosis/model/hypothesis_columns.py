@@ -39,9 +39,13 @@ class HypothesisColumns:
         self._kept: dict[tuple[tuple[str, str | None, str | None], str], tuple[bytes, Columns]] = {}
 
     @property
-    def around(self) -> tuple[Effect, ...]:
-        """The model that the hypotheses stand for; none without hypotheses."""
-        return self._around
+    def shared_about(self) -> tuple[Effect, ...]:
+        """The model that the hypotheses stand for, where columns about it are right to a per cent
+        in any fit; none by hand, where the attitude comes from the sensors themselves, and without
+        hypotheses.
+        """
+        everything = self.observations.depends_on(self._around) is None
+        return () if everything else self._around
 
     def add(self, hypothesis: Hypothesis, around: Sequence[Effect]) -> None:
         """Add the columns of a hypothesis; one that changes nothing is left out."""

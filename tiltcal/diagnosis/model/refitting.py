@@ -37,8 +37,7 @@ def refit(
         fitted: the model.
         whitened: under its noise.
         rounds: of Gauss-Newton, at most.
-        about: effects that the columns are about; None: those of the hypotheses where there are
-            any, else its own.
+        about: effects that the columns are about; None: those that all fits share, else its own.
     """
     terms = [*fitted.nuisance, *fitted.terms]
     split = len(fitted.nuisance)
@@ -46,7 +45,7 @@ def refit(
     lengths = [len(c.values) for c in whitened.observations.channels]
     if not lengths:  # every reading was at fault
         return fitted
-    about = about or whitened.columns.around or fitted.effects
+    about = about or whitened.columns.shared_about or fitted.effects
     columns = vectors_of(whitened, terms, about)
     design = BlockDesignMatrix([c.parts for c in columns], lengths)
     gram = design.gram

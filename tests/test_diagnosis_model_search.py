@@ -128,6 +128,18 @@ def test_without_its_only_cause_a_model_is_the_start(square):
         np.testing.assert_allclose(mine, other, atol=1e-6 * signal)  # columns of single precision
 
 
+def test_fits_share_their_columns_and_reach_what_a_fit_about_itself_reaches(square):
+    _, state = square
+    shared = refit(state.fitted, state.whitened)
+    own = refit(shared, state.whitened, about=shared.effects)
+    known = [{(id(v.source), v.name) for v in fit.columns} for fit in (state.fitted, shared, own)]
+    assert known[0] == known[1]
+    assert not known[1] & known[2]
+    for k, (mine, other) in enumerate(zip(shared.terms, own.terms, strict=True)):
+        off = np.array(mine.values) - np.array(other.values)
+        assert (np.abs(off) < 0.01 * own.sigmas(k)).all()
+
+
 @pytest.mark.parametrize("number", [None, 0, 40], ids=["fewer", "another", "yet another"])
 def test_inner_products_passed_on_from_a_model_are_those_of_a_pass(square, number):
     """To a model with one cause less, and to one with another cause in its place."""

@@ -33,7 +33,7 @@ from tiltcal.diagnosis.data_quality.setting_errors import (
 from tiltcal.diagnosis.hypotheses.block_averaging import block_of, survives
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.diagnosis.model.refitting import refitted_at_bend
+from tiltcal.diagnosis.model.refitting import refit_about_itself
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.claimed_causes import DOUBTED, believed
 from tiltcal.diagnosis.search.curve_misfit import largest_misfit
@@ -225,7 +225,7 @@ def _explained(
     else:
         fitted, random_faults = _by_chance(fitted, start, state.whitened, gate)
     if fitted.terms:
-        fitted = refitted_at_bend(fitted, state.whitened)
+        fitted = refit_about_itself(fitted, state.whitened)
     remaining = laws(fitted)
     held = [k for k, law in enumerate(laws(state.fitted)) if any(law is one for one in remaining)]
     left = gate.left_by(fitted, state.whitened)

@@ -27,7 +27,7 @@ from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
 from tiltcal.diagnosis.model.channel_noise import white_of_differences
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
-from tiltcal.diagnosis.model.refitting import refit, refitted_at_bend
+from tiltcal.diagnosis.model.refitting import refit, refit_about_itself
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.faults import DataDrop
@@ -278,4 +278,5 @@ def calibrated(
     fitted = FittedModel(tuple(known), tuple(terms))
     noise = white_of_differences(fitted, observations)
     whitened = WhitenedModel.of(HypothesisColumns(observations), noise, law)
-    return refitted_at_bend(refit(fitted, whitened), whitened), whitened
+    fitted = refit(fitted, whitened)
+    return refit_about_itself(fitted, whitened) if observations.block > 1 else fitted, whitened

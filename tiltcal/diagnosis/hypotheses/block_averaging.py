@@ -14,9 +14,10 @@ MOST_ROWS, MOST_READINGS = 12000, 36000
 """Of a channel and of all together: a longer record is averaged, whatever its spectral lines."""
 ROWS, READINGS = 3000, 9000
 """At least as many are left of one without such lines."""
-SURVIVES = (
-    0.8  # share of power that a block leaves of a line, and of an axis' rate; MOST_ROWS goes first
-)
+SURVIVES = 0.8
+"""Share of the power of a line, and of an axis' rate, that a block leaves, as long as MOST_ROWS
+allows it.
+"""
 HALF = 0.5  # period
 
 
@@ -33,7 +34,7 @@ def block_of(observations: Observations, lines: SpectralLines) -> int:
     beats = _frequencies(observations, lines, least)
     rates = _rates(observations)
     left = {
-        block: min(_least_share(beats, step, block), _moves(rates, block))
+        block: min(_least_share(beats, step, block), _least_rate_share(rates, block))
         for block in range(least, most + 1)
     }
     return max((b for b in left if left[b] > SURVIVES), default=max(left, key=lambda b: left[b]))
@@ -52,7 +53,7 @@ def _rates(observations: Observations) -> list[Array]:
     return [rate for rate in rates if rate.any()]
 
 
-def _moves(rates: Sequence[Array], block: int) -> float:
+def _least_rate_share(rates: Sequence[Array], block: int) -> float:
     """The least share of a rate's power that is left in means over blocks."""
     kept = []
     for rate in rates:

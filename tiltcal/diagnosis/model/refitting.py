@@ -76,15 +76,14 @@ def refit(
     )
 
 
-def refitted_at_bend(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
+def refit_about_itself(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
     """A fit about itself, whose predictions of blocks bend as it says: bend and fit in turn, until
     the fit does not change.
     """
     for _ in range(ROUNDS):
-        if not whitened.observations.bend_at(fitted.effects):
-            break
+        bent = whitened.observations.bend_at(fitted.effects)
         before, fitted = fitted, refit(fitted, whitened, about=fitted.effects)
-        if abs(fitted.deviance - before.deviance) < SETTLED:
+        if not bent or abs(fitted.deviance - before.deviance) < SETTLED:
             break
     return fitted
 

@@ -15,6 +15,7 @@ from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.span_means import AVERAGED
 
 STEPS = [
     {
@@ -112,6 +113,20 @@ def test_blocks_are_of_the_same_rows_whatever_cells_are_missing(whole):
     fewer = lacking[: 8 * len(full.channels[j].values)].reshape(-1, 8).any(axis=1)[here]
     assert where.spread is not None
     assert (where.spread[fewer] > 1.05).all()
+
+
+def test_what_is_known_at_the_instants_of_a_model_is_known_at_those_of_the_blocks(whole):
+    """The blocks of a file that was averaged as it was read have many instants where it moved."""
+    recording = whole.recordings[0]
+    columns = {n: recording.column(n) for n in recording.column_names}
+    metadata = {**recording.metadata, AVERAGED: "0.06 s (6 samples)"}
+    read = Recording.from_columns(recording.time, columns, metadata=metadata)
+    blocks = TableObservations(whole.scenario, [read], ()).averaged(16)
+    (watch,) = blocks.watches(())
+    assert len(watch.time) > len(blocks.block_times(0))
+    for i, channel in enumerate(blocks.channels):
+        assert np.allclose(blocks.at_samples(i, watch.time), channel.time)
+        assert np.allclose(blocks.block_times(0)[blocks.blocks(i)], channel.time)
 
 
 class Long:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
+from tiltcal.diagnosis.data.block_grid import blocks_of, mean_times
 from tiltcal.diagnosis.data.curve_factors import CurveFactors
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import DataTruncation
@@ -204,6 +205,22 @@ class Observations(ABC):
     def watches(self, effects: Sequence[Effect]) -> Sequence[NominalMotion]:
         """The motion of each recording with these effects; none where no table says it."""
         return ()
+
+    def at_samples(self, number: int, values: Array) -> Array:
+        """Values at the samples of a channel, (k, ...) -> (n, ...): what is given at the instants
+        of ``watches``.
+        """
+        return np.asarray(values[self.channels[number].rows])
+
+    def blocks(self, number: int) -> Index:
+        """Number of the block in which each sample of a channel is, (n,)."""
+        return self.channels[number].rows // self.block
+
+    def block_times(self, recording: int) -> Array:
+        """Time of each block of a recording, s, (blocks,)."""
+        time = self.recordings[recording].time
+        count = blocks_of(len(time), self.block)
+        return mean_times(time[: count * self.block], np.arange(count) * self.block)
 
     def determines(self, parameters: int) -> bool:
         """Whether there are more poses than so many adjustable parameters need."""

@@ -194,13 +194,19 @@ class TableObservations(Observations):
     def _samplings(self) -> list[Sampling]:
         """Of each channel: from the instants of its recording to its samples."""
         found = []
-        for c in self.channels:
+        for i, c in enumerate(self.channels):
             grid = self._grids[c.recording]
-            rows = c.rows // self.block
+            rows = self.blocks(i)
             first, last = int(rows[0]), int(rows[-1])
             together = last - first == len(rows) - 1 and bool((np.diff(rows) == 1).all())
             found.append(Sampling(grid, slice(first, last + 1) if together else rows))
         return found
+
+    def at_samples(self, number: int, values: Array) -> Array:
+        """Values at the samples of a channel, (k, ...) -> (n, ...): what is given at the instants
+        of ``watches``.
+        """
+        return self._samplings[number].of(values)
 
     @cached_property
     def _curves(self) -> CurveColumns:

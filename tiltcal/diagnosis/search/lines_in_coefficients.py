@@ -58,32 +58,31 @@ def _lines_of(
 ) -> tuple[float, ...]:
     """Frequencies, Hz, of lines in coefficients, each given by a constant in its place."""
     left = dict(enumerate(observations.residuals(fitted.effects)))
-    watches = observations.watches(fitted.effects)
-    times = [w.time for w in watches] or [r.time for r in observations.recordings]
     found: list[tuple[float, float]] = []
     for constant in constants:
         changes = observations.changes(constant, fitted.effects)
-        for number, time in enumerate(times):
-            found += _lines_in(changes, left, number, time, observations)
+        for number in range(len(observations.recordings)):
+            found += _lines_in(changes, left, number, observations)
     duration = float(np.ptp(observations.recordings[0].time))
     return apart(found, lambda _: 1 / duration)
 
 
 def _lines_in(
-    changes: Columns, left: Columns, number: int, time: Array, observations: Observations
+    changes: Columns, left: Columns, number: int, observations: Observations
 ) -> list[tuple[float, float]]:
     """(power over noise, frequency) of lines in a coefficient in one recording: a cosine times what
     it changes is compared with what is left, a constant taken out.
 
     Args:
         changes: of each channel, by some of the coefficient; left: of its readings.
-        number: of the recording; time: of its rows or blocks, s, (n,).
+        number: of the recording.
     """
+    time = observations.block_times(number)
     along, energy = np.zeros((2, len(time)))
     for i, channel in enumerate(observations.channels):
         if i in changes and channel.recording == number and not channel.derived:
             noise = robust_white(left[i])
-            rows = np.minimum(channel.rows // observations.block, len(time) - 1)
+            rows = observations.blocks(i)
             along[rows] += left[i] * changes[i] / noise**2
             energy[rows] += (changes[i] / noise) ** 2
     whole = float(energy.sum())

@@ -65,35 +65,39 @@ def waves_of(observations: Observations, fitted: FittedModel) -> tuple[Wave, ...
     Over temperature they are fringes, or a table of a compensation that is not interpolated, of the
     bias or of the scale factor. Over an angle they are of a constant amplitude or in proportion to
     the speed of turn or the rate of that angle: what a motor, a resolver or a ring of contacts puts
-    into a reading. From
-    sample to sample a turn passes half a line of the finest: finer ones look like coarser ones.
+    into a reading. From sample to sample a turn passes half a line of the finest: finer ones look
+    like coarser ones.
     """
     found: list[tuple[float, Wave]] = []
     left, watches = observations.residuals(fitted.effects), observations.watches(fitted.effects)
     turning = observations.scenario.rig.kind.turning
-    for channel, residual in zip(observations.channels, left, strict=True):
+    for i, (channel, residual) in enumerate(zip(observations.channels, left, strict=True)):
         if channel.derived or channel.recording >= len(watches):
             continue
         sense = watches[channel.recording].sense[channel.sensor]
-        rows = np.minimum(channel.rows // observations.block, len(sense.time) - 1)
-        own = sense.true_input()[:, channel.column]
+        true = sense.true_input()[:, channel.column]
+        own, temperature, speed = (
+            observations.at_samples(i, u)
+            for u in (true, sense.temperature, coordinate_of("speed", sense, true))
+        )
         place = channel.sensor, channel.axis
         for name, u, first, factors in (
-            ("input", own[rows], FIRST, ("",)),
-            ("temperature", sense.temperature[rows], CYCLES, ("", "input")),
+            ("input", own, FIRST, ("",)),
+            ("temperature", temperature, CYCLES, ("", "input")),
         ):
             if span := float(np.ptp(u)):
                 phase = 2 * np.pi * (u - u.min()) / (FINER * span)
-                signals = {"": residual, "input": residual * own[rows]}
+                signals = {"": residual, "input": residual * own}
                 (n, strength), times = max(
                     ((_strongest(phase, signals[t], FINER * first, LINES), t) for t in factors),
                     key=lambda each: each[0][1],
                 )
                 found.append((strength, Wave(*place, name, FINER * span / n, times)))
-        speed = coordinate_of("speed", sense, own)[rows]
         for axis in turning:
             name, turn_rate = angle_channel(axis), f"{TURN_RATE}{axis}"
-            angle, rate = (coordinate_of(u, sense, own)[rows] for u in (name, turn_rate))
+            angle, rate = (
+                observations.at_samples(i, coordinate_of(u, sense, true)) for u in (name, turn_rate)
+            )
             finest = _finest(channel.time, angle)
             (n, strength), times = max(
                 (_strongest(angle, residual, BEYOND, finest), ""),

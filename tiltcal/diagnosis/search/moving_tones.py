@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from tiltcal.core.arrays import Array, Index, Mask
-from tiltcal.diagnosis.data.observations import Channel, Observations
+from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.oscillations import EXCESS, equalised, probability, searched
 from tiltcal.effects.base import Effect
@@ -85,7 +85,7 @@ def moving_tones(
     found = []
     for k, channel in searched(whitened, floors):
         signal, moving = equalised(residual[k]), channel.stop < 0
-        followed = _followed(whitened.observations, channel, effects)
+        followed = _followed(whitened.observations, k, effects)
         ridges = {
             (name, length): ridge
             for name, u in followed.items()
@@ -104,18 +104,20 @@ def moving_tones(
 
 
 def _followed(
-    observations: Observations, channel: Channel, effects: Sequence[Effect]
+    observations: Observations, number: int, effects: Sequence[Effect]
 ) -> dict[str, Array]:
     """What the frequency of a tone in a channel may follow, (n,) each."""
+    channel = observations.channels[number]
     sense = observations.watches(effects)[channel.recording].sense[channel.sensor]
-    rows = np.minimum(channel.rows // observations.block, len(sense.time) - 1)
     own = sense.true_input()[:, channel.column]
-    every = {
-        OF_TIME: channel.time,
-        OF_TEMPERATURE: sense.temperature[rows],
-        OF_INPUT: own[rows],
-        OF_SIZE: np.abs(own[rows]),
-        OF_SPEED: coordinate_of("speed", sense, own)[rows],
+    followed = {
+        OF_TEMPERATURE: sense.temperature,
+        OF_INPUT: own,
+        OF_SIZE: np.abs(own),
+        OF_SPEED: coordinate_of("speed", sense, own),
+    }
+    every = {OF_TIME: channel.time} | {
+        name: observations.at_samples(number, u) for name, u in followed.items()
     }
     return {name: u for name, u in every.items() if np.ptp(u) > 0}
 

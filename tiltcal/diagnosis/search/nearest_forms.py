@@ -153,7 +153,7 @@ def _followed(coordinate: str, fitted: FittedModel, whitened: WhitenedModel) -> 
     observations, axis = whitened.observations, axis_of(coordinate)
     watches = observations.watches(fitted.effects)
     found = []
-    for channel in observations.channels:
+    for i, channel in enumerate(observations.channels):
         recording = observations.recordings[channel.recording]
         told = np.full(len(channel.time), np.nan)
         if axis is not None:
@@ -161,9 +161,8 @@ def _followed(coordinate: str, fitted: FittedModel, whitened: WhitenedModel) -> 
                 told = np.interp(channel.time, recording.time, angle)
         elif channel.recording < len(watches) and not channel.derived:
             sense = watches[channel.recording].sense[channel.sensor]
-            rows = np.minimum(channel.rows // observations.block, len(sense.time) - 1)
             own = sense.true_input()[:, channel.column]
-            told = coordinate_of(coordinate, sense, own)[rows]
+            told = observations.at_samples(i, coordinate_of(coordinate, sense, own))
         found.append(told)
     return found
 

@@ -71,22 +71,21 @@ def shakes_of(observations: Observations, fitted: FittedModel) -> tuple[float, .
     for number, watch in enumerate(observations.watches(fitted.effects)):
         for sensor in observations.scenario.sensors("accelerometer", "inclinometer"):
             own = [
-                (c, r)
-                for c, r in zip(observations.channels, left, strict=True)
+                i
+                for i, c in enumerate(observations.channels)
                 if (c.recording, c.sensor) == (number, sensor.name)
             ]
             if not own:
                 continue
             up, north = watch.sense[sensor.name].up, watch.sense[sensor.name].north
-            world = np.zeros((len(up), 3))
-            for c, r in own:
-                k = "xyz".index(c.axis)
-                rows = np.minimum(c.rows // observations.block, len(up) - 1)
-                world[rows] += r[:, None] * np.column_stack(
-                    [np.cross(north, up)[rows, k], north[rows, k], up[rows, k]]
-                )
+            time = observations.block_times(number)
+            world = np.zeros((len(time), 3))
+            for i in own:
+                k = "xyz".index(observations.channels[i].axis)
+                axes = np.column_stack([np.cross(north, up)[:, k], north[:, k], up[:, k]])
+                world[observations.blocks(i)] += left[i][:, None] * observations.at_samples(i, axes)
             for column in world.T:
-                found += _lines(watch.time, column)
+                found += _lines(time, column)
     duration = float(np.ptp(observations.recordings[0].time))
     # slower than that the table's own turns look like lines
     slowest = max(20 / duration, 4 * fastest(observations) / (2 * np.pi))

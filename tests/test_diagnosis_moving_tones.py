@@ -9,8 +9,8 @@ from scipy.stats import gamma
 
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED
-from tiltcal.diagnosis.search.moving_tones import LENGTHS, likeliest_ridge, log_ridge
-from tiltcal.diagnosis.search.oscillations import EXCESS, equalised
+from tiltcal.diagnosis.search.moving_tones import LENGTHS, likeliest_ridge
+from tiltcal.diagnosis.search.oscillations import EXCESS, equalised, log_excess_of_sums
 from tiltcal.statistics.cosine_transform import cosines
 from tiltcal.statistics.noise_spectrum import estimate_noise
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
@@ -51,7 +51,7 @@ def test_the_bayes_factor_is_the_ratio_of_gamma_densities():
     total, count = np.array([20.0, 40.0, 90.0]), 40
     with_more = [gamma.pdf(total, count, scale=1 + a) for a in EXCESS]
     expected = np.mean(with_more, axis=0) / gamma.pdf(total, count)
-    np.testing.assert_allclose(np.exp(log_ridge(total, count)), expected, rtol=1e-9)
+    np.testing.assert_allclose(np.exp(log_excess_of_sums(total, count)), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize(

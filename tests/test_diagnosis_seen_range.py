@@ -10,8 +10,13 @@ from diagnosis_fixtures import bench, honest, recorded
 from tiltcal.diagnosis.conclusions.concluding import _beyond_seen
 from tiltcal.diagnosis.conclusions.seen_range import seen_range
 from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import felt_late, over_felt, ranges_of
+from tiltcal.diagnosis.hypotheses.motion_curves import motion_of_readings
+from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.learned import LearnedReading
+from tiltcal.effects.spans import SpectralLines
 
+KNOTS = (-1.0, 0.0, 1.0)
 CURVE = LearnedReading({"c0": 1.0, "c1": 0.0}, "accel", "x", "found")
 
 
@@ -46,6 +51,41 @@ def test_a_curve_says_where_it_was_seen(run, coordinate, knots, unit, beyond):
     assert ("holds its last value" in seen.words) == (beyond == "holds")
     assert ("only its mean is predicted" in seen.words) == (beyond == "left_out")
     assert f"to {seen.high:.0f}" in seen.words or seen.high < 10
+
+
+def test_a_late_rate_was_seen_as_far_as_it_was_felt(run):
+    """A move that is short beside the memory is felt as a part of its rate."""
+    _, observations = run
+    raw, late = (
+        LearnedReading(CURVE.values, "accel", "x", coordinate="rate_x", knots=KNOTS, lag=lag)
+        for lag in (0.0, 8.0)
+    )
+    (watch,) = observations.watches(())
+    sense = watch.sense["accel"]
+    felt = np.degrees(first_order_lag(sense.time, sense.rate[:, 0], 8.0))
+    seen = seen_range(late, observations)
+    assert (seen.low, seen.high) == pytest.approx((-np.abs(felt).max(), np.abs(felt).max()))
+    assert seen.high < 0.6 * seen_range(raw, observations).high
+
+
+def test_the_knots_of_a_late_rate_are_over_what_was_felt(run):
+    """Beyond them a curve holds its last value: further out they would be a guess."""
+    _, observations = run
+    span = ranges_of(observations, SpectralLines())
+    sensor = observations.scenario.named("accel")
+    rig = observations.scenario.rig
+    late = [
+        h
+        for h in motion_of_readings(rig, sensor, "x", ("rate_x",), span)
+        if h.effect.coordinate == "rate_x" and h.effect.lag and h.effect.knots
+    ]
+    assert late
+    for h in late:
+        felt = felt_late("rate_x", h.effect.lag, observations)
+        assert (h.effect.knots[0], h.effect.knots[-1]) == pytest.approx(felt)
+        other = over_felt(replace(h, effect=replace(h.effect, lag=2.0)), observations)
+        assert other.effect.knots[-1] == pytest.approx(felt_late("rate_x", 2.0, observations)[1])
+        assert len(other.effect.knots) == len(h.effect.knots)
 
 
 def test_a_course_of_time_that_two_recordings_show_is_one_that_repeats(run):

@@ -50,6 +50,7 @@ from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.diagnosis.search.slow_variation import slow_variations
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.search.state import laws
+from tiltcal.diagnosis.search.varying_noise import VaryingNoise, varying_noise
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.effects.table.readout import IndexError_
 from tiltcal.laboratory.laboratory import Laboratory
@@ -237,19 +238,22 @@ def _explained(
         tuple(names[k] for k in held),
         tuple(chances[k] for k in held),
         slow_variations(left, DOUBTED, floors),
-        *(((), ()) if held or doubts else _oscillations(left, fitted, floors)),
+        *(((), (), ()) if held or doubts else _in_the_noise(left, fitted, floors)),
         () if held or random_faults or _knows_settings(start) else _motions(left, fitted, floors),
         doubts,
     )
 
 
-def _oscillations(
+def _in_the_noise(
     left: WhitenedModel, fitted: FittedModel, floors: Mapping[str, float]
-) -> tuple[tuple[NarrowBand, ...], tuple[MovingTone, ...]]:
-    """Bands with more power than noise, and tones whose frequency moves, in what a model leaves."""
+) -> tuple[tuple[NarrowBand, ...], tuple[MovingTone, ...], tuple[VaryingNoise, ...]]:
+    """Bands with more power than noise, tones whose frequency moves, and noise that follows an
+    angle or a cycle, in what a model leaves.
+    """
     rest = left.residual(fitted.effects)
     tones = moving_tones(left, rest, fitted.effects, DOUBTED, floors)
-    return narrow_bands(left, rest, DOUBTED, floors), tones
+    varying = varying_noise(left, rest, fitted.effects, DOUBTED, floors)
+    return narrow_bands(left, rest, DOUBTED, floors), tones, varying
 
 
 def _motions(

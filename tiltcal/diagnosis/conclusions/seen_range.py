@@ -7,7 +7,8 @@ import numpy as np
 
 from tiltcal.diagnosis.conclusions.one_recording import is_history
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import felt_late, ranges_of
+from tiltcal.effects.curve_coordinates import INPUTS
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.setup.tables import axis_of
@@ -74,7 +75,8 @@ def seen_range(effect: Learned, observations: Observations) -> SeenRange | None:
         return None
     name = effect.coordinate
     key = f"{effect.sensor}_{name}" if name in ("input", "turned") else name
-    ends = ranges_of(observations, SpectralLines()).ranges.get(key)
+    ends = felt_late(name, effect.lag, observations) if effect.lag and name in INPUTS else None
+    ends = ends or ranges_of(observations, SpectralLines()).ranges.get(key)
     if ends is None:
         return None
     unit, size = _unit(effect, observations)

@@ -1,13 +1,19 @@
 """What recordings span, for the shapes and curves of hypotheses."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.observations import Channel, Observations
-from tiltcal.effects.curve_coordinates import turned_by
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.effects.curve_coordinates import INPUTS, turned_by
+from tiltcal.effects.hysteresis_and_lag import first_order_lag
+from tiltcal.effects.learned import Learned
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
 from tiltcal.setup.tables import angle_channel
 
+MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
 TURNED = 0.05  # share of the largest rate above which an axis turned: the Earth's is no turn
 Ranges = dict[str, tuple[float, float]]
 """Least and largest value of each coordinate, SI."""
@@ -28,8 +34,52 @@ def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRan
     if most := max(quickest.values(), default=0.0):
         ranges["braking"] = (-most, most)
     ranges |= _by_hand(observations)
+    ranges |= {
+        late_key(name, lag): felt_late(name, lag, observations) or ranges[name]
+        for name in INPUTS
+        if name in ranges
+        for lag in MEMORIES
+    }
     rate = max(_sampling_rate(r.time) for r in observations.recordings)
     return CoordinateRanges(duration, rate, lines, ranges)
+
+
+def late_key(coordinate: str, lag: float) -> str:
+    """Where the range of a force or a rate is that is felt late by one of MEMORIES."""
+    return f"{coordinate}, {lag:g} s late"
+
+
+def felt_late(
+    coordinate: str, lag: float, observations: Observations
+) -> tuple[float, float] | None:
+    """How far a force or a rate was felt that is late by a time constant, s, to both sides, SI;
+    None by hand, where no table tells the motion. Moves that are short beside it are felt little.
+    """
+    watches = observations.watches(observations.known)
+    quantity, axis = INPUTS[coordinate]
+    most = max(
+        (
+            float(np.abs(first_order_lag(sense.time, getattr(sense, quantity)[:, axis], lag)).max())
+            for watch in watches
+            for sense in watch.sense.values()
+        ),
+        default=0.0,
+    )
+    return (-most, most) if watches else None
+
+
+def over_felt(hypothesis: Hypothesis, observations: Observations) -> Hypothesis:
+    """A curve over a late force or rate with its knots over what was felt; others as they are."""
+    effect = hypothesis.effect
+    if not isinstance(effect, Learned) or not effect.lag or not effect.knots:
+        return hypothesis
+    felt = None
+    if effect.coordinate in INPUTS:
+        felt = felt_late(effect.coordinate, effect.lag, observations)
+    if felt is None:
+        return hypothesis
+    knots = np.interp(effect.knots, (effect.knots[0], effect.knots[-1]), felt)
+    return replace(hypothesis, effect=replace(effect, knots=tuple(float(k) for k in knots)))
 
 
 def _sampling_rate(time: Array) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 
 from tiltcal.core.units import DEG, G0
 from tiltcal.diagnosis.hypotheses.axis_curves import span_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import MEMORIES, late_key
 from tiltcal.diagnosis.hypotheses.curve_forms import (
     curve_over,
     even_knots,
@@ -29,7 +30,6 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import angle_channel, bearing
 
-MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
 COOLING = (10.0, 30.0, 100.0, 300.0)  # s, of what motion warms
 CREEPS = (4.0, 15.0, 60.0)  # s, of a structure that gives way late to what it carries
 SHOWN = 2.0  # times a time constant of cooling that a recording has to last
@@ -59,11 +59,11 @@ def motion_of_readings(
                 LearnedReading, "since_move", harmonics(3), period=1 / frequency, **where
             )
     for coordinate, lag in product(inputs, MEMORIES):
-        if knots := even_knots(coordinate, span, 3):
+        if knots := even_knots(felt := late_key(coordinate, lag), span, 3):
             late = curve_over(LearnedReading, coordinate, knots, lag=lag, **where)
             yield odd_curve(late)
             yield proportional(late)
-            bent = even_knots(coordinate, span, 5)
+            bent = even_knots(felt, span, 5)
             yield curve_over(LearnedReading, coordinate, bent, lag=lag, **where)
     yield from _scales(rig, span, where)
     yield from _scales_by_inputs(sensor, inputs, span, where)

@@ -12,6 +12,7 @@ from tiltcal.diagnosis.search.narrow_bands import NarrowBand
 from tiltcal.diagnosis.search.random_motion import RandomMotion
 from tiltcal.diagnosis.search.slow_variation import SlowVariation
 from tiltcal.diagnosis.search.state import Doubt
+from tiltcal.diagnosis.search.varying_noise import VaryingNoise
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class Explained:
         slow: variation that is too large to be noise, more probably than not.
         bands: of frequency that hold more than noise; tones: whose frequency moves; both more
             probably than not, and where nothing else was found.
+        varying: noise that follows an angle or a cycle, in the same way.
         motions: at random, more probably than not, and where nothing else was found.
         doubts: causes that the noise may be instead.
     """
@@ -39,5 +41,6 @@ class Explained:
     slow: tuple[SlowVariation, ...]
     bands: tuple[NarrowBand, ...] = ()
     tones: tuple[MovingTone, ...] = ()
+    varying: tuple[VaryingNoise, ...] = ()
     motions: tuple[RandomMotion, ...] = ()
     doubts: tuple[Doubt, ...] = ()

@@ -12,12 +12,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.oscillations import EXCESS, equalised, probability, searched
+from tiltcal.diagnosis.search.oscillations import (
+    equalised,
+    log_excess_of_sums,
+    probability,
+    searched,
+)
 from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_coordinates import coordinate_of
 
@@ -150,7 +154,7 @@ def likeliest_ridge(signal: Array, u: Array, moving: Mask, length: int) -> Ridge
         if along[k] > best:
             best, path = float(along[k]), at[:, k]
     tried = 2 * (count - SLOWEST + 1) * count
-    factor = float(log_ridge(np.array([best]), len(scores))[0]) - float(np.log(tried))
+    factor = float(log_excess_of_sums(np.array([best]), len(scores))[0]) - float(np.log(tried))
     low, high = (float(k + 1) / length for k in (path.min(), path.max()))
     return Ridge(low, high, factor)
 
@@ -177,15 +181,3 @@ def _paths(share: Array, count: int) -> Iterator[Index]:
     for slope in (*range(-count, 1 - SLOWEST), *range(SLOWEST, count + 1)):
         at = (first + np.rint(slope * share).astype(np.intp)[:, None]) % (2 * count)
         yield np.where(at < count, at, 2 * count - 1 - at)
-
-
-def log_ridge(total: Array, count: int) -> Array:
-    """Logarithm of the Bayes factor of sums of exponential scores with a tone in them, (n,): scores
-    that are 1 + EXCESS times as large.
-
-    Args:
-        total: sums, (n,); count: of how many scores.
-    """
-    more = EXCESS[:, None]
-    each = total * more / (1 + more) - count * np.log1p(more)
-    return np.asarray(logsumexp(each, axis=0) - np.log(len(EXCESS)))

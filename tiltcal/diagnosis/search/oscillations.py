@@ -5,7 +5,7 @@ prior.
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import expit, logsumexp
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel
@@ -44,3 +44,16 @@ def equalised(residual: Array) -> Array:
     """
     left = limited(residual)
     return np.asarray(left / np.sqrt(noise_about(left, ROWS)))
+
+
+def log_excess_of_sums(total: Array, count: int) -> Array:
+    """Logarithm of the Bayes factor of sums of powers with something in them, (n,): powers that are
+    1 + EXCESS times as large.
+
+    Args:
+        total: sums of powers in units of the usual one, exponential in noise, (n,).
+        count: of how many powers.
+    """
+    more = EXCESS[:, None]
+    each = total * more / (1 + more) - count * np.log1p(more)
+    return np.asarray(logsumexp(each, axis=0) - np.log(len(EXCESS)))

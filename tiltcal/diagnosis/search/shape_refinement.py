@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import over_felt, ranges_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.hypotheses.instants import recording_of
 from tiltcal.diagnosis.hypotheses.localised_curves import form_of, with_form
@@ -55,8 +55,7 @@ def refined(
     by row.
     """
     first = terms[0].hypothesis
-    recordings = whitened.observations.recordings
-    duration = float(np.ptp(recordings[recording_of(first.effect, recordings)].time))
+    duration = _duration(first, whitened)
     pause = first.instant is not None and first.instant.in_pause
     names = list(_shapes_of(terms))
     # of three and more each moves the best of the others
@@ -65,13 +64,13 @@ def refined(
             continue
         step = _step(first, name, duration, whitened)
         added = name in SHIFTED or (name == "frequency" and first.line_hz > 0)
-        terms = _shaped(terms, name, _shapes_of(terms)[name], duration)
+        terms = _shaped(terms, name, _shapes_of(terms)[name], whitened)
         limits = _limits(first, name, whitened.hypotheses, duration)
         here = _gain(terms, fitted, whitened)
         for last in reversed(range(FINE if added else GRAIN)):
             x = _shapes_of(terms)[name]
             values = (x + d if added else x * np.exp(d) for d in (-step, step))
-            sides = [_shaped(terms, name, np.clip(v, *limits), duration) for v in values]
+            sides = [_shaped(terms, name, np.clip(v, *limits), whitened) for v in values]
             before, after = (_gain(side, fitted, whitened) for side in sides)
             top = 0.0 if last or added else _top(before, here, after)
             if max(before, after) > here:
@@ -79,9 +78,15 @@ def refined(
                 here = max(before, after)
             if top:
                 at = np.clip(x * np.exp(top * step), *limits)
-                terms = _shaped(terms, name, at, duration)
+                terms = _shaped(terms, name, at, whitened)
             step /= 2
     return terms
+
+
+def _duration(hypothesis: Hypothesis, whitened: WhitenedModel) -> float:
+    """Of the recording in which a hypothesis acts, s."""
+    recordings = whitened.observations.recordings
+    return float(np.ptp(recordings[recording_of(hypothesis.effect, recordings)].time))
 
 
 def _step(hypothesis: Hypothesis, name: str, duration: float, whitened: WhitenedModel) -> float:
@@ -200,7 +205,7 @@ def _other_way(hypothesis: Hypothesis, observations: Observations) -> Hypothesis
 
 
 def _shaped(
-    terms: Sequence[FittedTerm], name: str, value: float, duration: float
+    terms: Sequence[FittedTerm], name: str, value: float, whitened: WhitenedModel
 ) -> tuple[FittedTerm, ...]:
     """An explanation at another shape: one lag or period for all its curves, one instant for all
     its events. A tone keeps its phase at the middle of the recording.
@@ -212,9 +217,9 @@ def _shaped(
     )
     before = terms[0].hypothesis.effect.values
     if name == "frequency" and "phase" in before:
-        first = at_shape(
-            first, "phase", before["phase"] - np.pi * (value - before["frequency"]) * duration
-        )
+        middle = _duration(first, whitened) / 2
+        shift = 2 * np.pi * (value - before["frequency"]) * middle
+        first = at_shape(first, "phase", before["phase"] - shift)
     whole = isinstance(terms[0].hypothesis.effect, Learned) or name == "time"
     family = [
         replace(t, hypothesis=at_shape(t.hypothesis, name, value))
@@ -222,6 +227,11 @@ def _shaped(
         else t
         for t in terms[1:]
     ]
+    if name == "lag":
+        first, *others = (
+            over_felt(h, whitened.observations) for h in (first, *(t.hypothesis for t in family))
+        )
+        family = [replace(t, hypothesis=h) for t, h in zip(family, others, strict=True)]
     return (replace(terms[0], hypothesis=first), *(replace(t, host=first) for t in family))
 
 

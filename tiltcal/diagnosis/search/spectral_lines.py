@@ -8,7 +8,7 @@ from tiltcal.diagnosis.hypotheses.coordinate_ranges import fastest
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.search.lines_in_coefficients import base_tilts_of, late_of, scales_of
 from tiltcal.diagnosis.search.lines_over_angles import CHANCE, FINER, ripples_of, waves_of
-from tiltcal.diagnosis.search.spectral_peaks import SLOWEST, apart, evenly, peaks
+from tiltcal.diagnosis.search.spectral_peaks import SLOWEST, apart, evenly, peaks, running_median
 from tiltcal.effects.electronics.mains import WANDER
 from tiltcal.effects.spans import SpectralLines
 
@@ -132,7 +132,7 @@ def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
     size = next_fast_len(FINER * n, real=True)
     spectrum = np.abs(np.fft.rfft(values * np.hanning(n), size)) ** 2
     frequency = np.asarray(np.fft.rfftfreq(size, 1 / rate), float)
-    floor = _running_median(spectrum, FINER * max(n // 80, 16))
+    floor = running_median(spectrum, FINER * max(n // 80, 16))
     ratio = spectrum / np.maximum(floor, 1e-300) * np.log(2)
     return peaks(time, ratio, frequency, np.log(n / CHANCE))
 
@@ -150,7 +150,7 @@ def _smeared(time: Array, residual: Array) -> list[tuple[float, float]]:
     values, rate = evenly(time, residual - residual.mean())
     n = len(values)
     power = np.abs(np.fft.rfft(values)) ** 2
-    ratio = power / np.maximum(_running_median(power, max(n // 80, 16)), 1e-300) * np.log(2)
+    ratio = power / np.maximum(running_median(power, max(n // 80, 16)), 1e-300) * np.log(2)
     widths = [m for m in WIDE if m * rate / n < 2 * WANDER and m < n // 160]
     found: dict[int, float] = {}
     for m in widths:
@@ -159,11 +159,3 @@ def _smeared(time: Array, residual: Array) -> list[tuple[float, float]]:
         for first in SLOWEST + np.flatnonzero(chance < CHANCE):
             found |= {k: float(ratio[k]) for k in range(first, first + m) if ratio[k] > np.log(m)}
     return [(strength, k * rate / n) for k, strength in found.items()]
-
-
-def _running_median(values: Array, width: int) -> Array:
-    """Median over blocks, interpolated, (n,)."""
-    count = max(len(values) // width, 1)
-    blocks = np.array_split(values, count)
-    centres = np.cumsum([len(b) for b in blocks]) - np.array([len(b) for b in blocks]) / 2
-    return np.interp(np.arange(len(values)), centres, [float(np.median(b)) for b in blocks])

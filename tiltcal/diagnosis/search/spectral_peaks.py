@@ -24,6 +24,14 @@ def evenly(time: Array, values: Array) -> tuple[Array, float]:
     return even, float(place[-1]) / float(time[-1] - time[0])
 
 
+def running_median(values: Array, width: int) -> Array:
+    """Median over blocks, interpolated, (n,)."""
+    count = max(len(values) // width, 1)
+    blocks = np.array_split(values, count)
+    centres = np.cumsum([len(b) for b in blocks]) - np.array([len(b) for b in blocks]) / 2
+    return np.interp(np.arange(len(values)), centres, [float(np.median(b)) for b in blocks])
+
+
 def peaks(
     time: Array, strength: Array, frequency: Array, limit: float
 ) -> list[tuple[float, float]]:

@@ -1,0 +1,147 @@
+"""Noise that follows an angle or a cycle is a finding without a name; bursts, and noise that
+follows motion, time or what the sensor feels, are none.
+"""
+
+import numpy as np
+import pytest
+from diagnosis_fixtures import bench, honest, recorded, rewritten
+from scipy.stats import gamma, norm
+
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.search.claimed_causes import DOUBTED
+from tiltcal.diagnosis.search.oscillations import EXCESS, log_excess_of_sums
+from tiltcal.diagnosis.search.sectors_and_cycles import (
+    SECTORS,
+    SIZES,
+    likeliest_cycle,
+    log_agreement,
+    loud_sectors,
+    parts_agree,
+)
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.recording import Recording
+
+WHITE = float(np.degrees(25e-6 * np.sqrt(10.0)))  # of a sample, deg
+TOLD = np.log(DOUBTED / (1 - DOUBTED) / 0.125 * 2)
+"""Least Bayes factor of one of two candidates that is told as a doubt."""
+TIME = np.arange(6000) / 20.0
+
+
+def test_the_loud_sectors_may_lie_on_both_sides_of_nothing():
+    sums = np.full(SECTORS, -1.0)
+    sums[[22, 23, 0, 1]] = 5.0
+    assert loud_sectors(sums).tolist() == [22, 23, 24, 25]
+
+
+def centred(size):
+    return (size - size.mean()) / size.std()
+
+
+def test_the_bayeslog_agreement_a_cycle_is_the_ratio_of_gamma_densities():
+    total, count = np.array([1.0, 4.0, 30.0]), 4
+    with_more = [gamma.pdf(total / (1 + a), count) / (1 + a) for a in EXCESS]
+    expected = np.mean(with_more, axis=0) / gamma.pdf(total, count)
+    np.testing.assert_allclose(np.exp(log_excess_of_sums(total, count)), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("z", [-2.0, 0.5, 6.0])
+def test_the_bayeslog_agreement_agreement_is_that_of_a_positive_mean(z):
+    """Half normal about zero, of one of several widths."""
+    mean = np.linspace(0, 400, 400001)
+    priors = [2 * norm.pdf(mean, 0, width) for width in SIZES]
+    likelihood = np.exp(-((z - mean) ** 2) / 2 + z**2 / 2)
+    expected = np.mean([np.trapezoid(p * likelihood, mean) for p in priors])
+    assert np.exp(log_agreement(z)) == pytest.approx(expected, rel=1e-3)
+
+
+def noise_of(kind, rng):
+    noise = rng.standard_normal(len(TIME))
+    if kind == "bursts":
+        for first in rng.integers(0, 5700, 5):
+            noise[first : first + 200] *= 4
+    if kind == "heavy tails":
+        noise = np.clip(rng.standard_t(2.5, len(TIME)) / 2, -4, 4)
+    return noise
+
+
+@pytest.mark.parametrize("kind", ["white", "bursts", "heavy tails"])
+def test_noise_of_any_kind_has_no_cycle(kind, rng):
+    factors = [likeliest_cycle(TIME, centred(noise_of(kind, rng) ** 2))[1] for _ in range(60)]
+    assert max(factors) < TOLD + np.log(60)  # of so many trials
+    assert sum(factor > TOLD for factor in factors) <= 3
+
+
+@pytest.mark.parametrize("kind", ["white", "bursts", "heavy tails"])
+def test_parts_of_noise_agree_by_chance_only(kind, rng):
+    """A burst in one part does not make another one loud. One in a thousand normal scores is beyond
+    3.3.
+    """
+    turn = TIME / 50.0  # six turns
+    scores = [parts_agree(centred(noise_of(kind, rng) ** 2), turn) for _ in range(200)]
+    assert np.mean(np.square(scores)) < 1 + 4 * np.sqrt(2 / 200)
+    assert max(scores) < 4.0
+
+
+def with_noise(whole: Recording, factor, rng) -> Recording:
+    """The recording with noise of other sizes beside its own, the same on all channels. factor: of
+    the standard deviation, at least 1, (n,).
+    """
+    more = WHITE * np.sqrt(factor**2 - 1)
+    columns = [n for n in whole.column_names if n.startswith("incl")]
+    return rewritten(
+        whole, **{n: whole.column(n) + more * rng.standard_normal(len(more)) for n in columns}
+    )
+
+
+@pytest.fixture(scope="module")
+def turned():
+    """Two turns of a vertical table by steps, there and back."""
+    truth = bench(table="vertical", sensor="incl")
+    return honest(truth), recorded(truth, 4)
+
+
+@pytest.mark.slow
+def test_noise_of_a_sector_is_a_finding_without_a_name(rng):
+    """Of eight turns, each at another rate: what follows the angle is no cycle."""
+    turns = [
+        {"action": "move", "outer_deg": 360.0 * (k + 1), "rate_deg_s": 17.0 + 7.0 * (k % 5)}
+        for k in range(8)
+    ]
+    truth = bench(table="vertical", sensor="incl")
+    truth = parse_scenario(truth.model_dump(by_alias=True, exclude_none=True) | {"sequence": turns})
+    scenario, whole = honest(truth), recorded(truth, 4)
+    angle = whole.column("table_outer_deg") % 360
+    loud = np.where((angle > 100) & (angle < 200), 1.8, 1.0)
+    found = diagnose(scenario, [with_noise(whole, loud, rng)])
+    assert found.verdict == "unlisted"
+    (finding,) = found.findings
+    assert (finding.effect, finding.where.coordinate) == (None, "table_outer")
+    assert "The noise of incl" in finding.statement
+    assert "follows the outer angle" in finding.statement
+    assert not finding.parts
+
+
+@pytest.mark.slow
+def test_noise_of_a_cycle_is_a_finding_without_a_name(turned, rng):
+    scenario, whole = turned
+    loud = np.where(whole.time % 17.3 < 5.0, 1.8, 1.0)
+    found = diagnose(scenario, [with_noise(whole, loud, rng)])
+    assert found.verdict == "unlisted"
+    (finding,) = found.findings
+    assert "follows a cycle of 17.3 s" in finding.statement
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["moving", "settling", "bursts"])
+def test_noise_of_motion_and_bursts_is_none(turned, kind, rng):
+    scenario, whole = turned
+    angle = whole.column("table_outer_deg")
+    moving = np.abs(np.gradient(angle)) > 0.01
+    since = whole.time - np.maximum.accumulate(np.where(moving, whole.time, 0.0))
+    loud = {
+        "moving": np.where(moving, 1.8, 1.0),
+        "settling": 1 + 1.5 * np.exp(-since / 0.8),
+        "bursts": np.where(np.abs(whole.time[:, None] - [20.0, 77.0, 130.0]).min(1) < 4, 3.0, 1.0),
+    }[kind]
+    found = diagnose(scenario, [with_noise(whole, loud, rng)])
+    assert found.verdict == "match", found.statement

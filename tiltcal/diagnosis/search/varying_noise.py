@@ -1,0 +1,208 @@
+"""Noise whose size follows a table angle, whenever that angle is passed, or a cycle in time:
+contacts that are worn in one sector, a compressor that runs now and then.
+
+The squares of the residual are regressed on what the noise of an instrument may depend on (motion
+and rest, time, temperature, speed, inputs; Koenker, J. Econometrics 17, 1981). What is left may
+follow an angle or a cycle (``sectors_and_cycles``).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit, logsumexp
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.observations import Channel, Observations
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.limited_residual import limited
+from tiltcal.diagnosis.search.oscillations import searched
+from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_SHARE
+from tiltcal.diagnosis.search.sectors_and_cycles import (
+    SECTORS,
+    likeliest_cycle,
+    log_agreement,
+    loud_sectors,
+    parts_agree,
+    sectors_of,
+    sharpest,
+)
+from tiltcal.effects.base import Effect
+from tiltcal.effects.curve_coordinates import coordinate_of
+from tiltcal.setup.tables import angle_channel
+from tiltcal.statistics.projection import column_space
+
+AFTER = (1.0, 5.0)  # s, in which the noise may settle after a move
+
+
+@dataclass(frozen=True)
+class VaryingNoise:
+    """Noise of some channels of a sensor that follows an angle or a cycle.
+
+    Args:
+        sensor, axes: whose.
+        follows: the table axis; None for a cycle.
+        period: of a cycle, s; 0 for an angle.
+        low, high: ends of the sector in which the noise is large, deg; 0 for a cycle.
+        times: standard deviation where it is large, by that elsewhere.
+        probability: that something is there.
+    """
+
+    sensor: str
+    axes: tuple[str, ...]
+    follows: str | None
+    period: float
+    low: float
+    high: float
+    times: float
+    probability: float
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Squares of the residual of one or more channels of a sensor in one recording, less what the
+    noise of an instrument may depend on.
+
+    Args:
+        channels: which; time: s, (n,); angles: of the turning axes, rad, (n,).
+        left: what the regression leaves, of unit variance, (n,).
+        size: mean of the squares of the residual, (n,).
+    """
+
+    channels: tuple[Channel, ...]
+    time: Array
+    angles: Mapping[str, Array]
+    left: Array
+    size: Array
+
+    @classmethod
+    def together(cls, every: Sequence["Squares"]) -> "Squares":
+        """Those of channels that were read in the same rows."""
+        first, left = every[0], np.sum([one.left for one in every], axis=0)
+        size = np.mean([one.size for one in every], axis=0)
+        channels = tuple(c for one in every for c in one.channels)
+        return cls(channels, first.time, first.angles, left / left.std(), size)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What the noise of some channels may follow.
+
+    Args:
+        squares: of the channels; axis: whose angle it follows; None for a cycle.
+        period: s, of a cycle; factor: logarithm of the Bayes factor.
+    """
+
+    squares: Squares
+    axis: str | None
+    period: float
+    factor: float
+
+
+def varying_noise(
+    whitened: WhitenedModel,
+    residual: Sequence[Array],
+    effects: Sequence[Effect],
+    least: float,
+    floors: Mapping[str, float],
+) -> tuple[VaryingNoise, ...]:
+    """What the noise follows, of what says most, where that is so with at least this probability.
+
+    Args:
+        whitened: the noise that a model leaves.
+        residual: of it, cosine coefficients in units of the noise, (n,) each.
+        effects: of the model.
+        least: probability from which it is told.
+        floors: see ``oscillations.searched``.
+    """
+    every = list(_candidates(whitened, residual, effects, floors))
+    if not every:
+        return ()
+    factors = np.array([one.factor for one in every])
+    prior = np.log(EXPECTED_CAUSES * UNLISTED_SHARE / len(every))
+    if (chance := float(expit(logsumexp(factors) + prior))) < least:
+        return ()
+    return (_told(every[int(np.argmax(factors))], chance),)
+
+
+def _candidates(
+    whitened: WhitenedModel,
+    residual: Sequence[Array],
+    effects: Sequence[Effect],
+    floors: Mapping[str, float],
+) -> Iterator[Candidate]:
+    """Each channel by itself, and those of a sensor together."""
+    groups: dict[tuple[int, str, int], list[Squares]] = {}
+    for k, channel in searched(whitened, floors):
+        left = limited(residual[k])
+        if (squares := _squares(whitened.observations, k, left, effects)) is not None:
+            rows = len(squares.time)
+            groups.setdefault((channel.recording, channel.sensor, rows), []).append(squares)
+    for group in groups.values():
+        alone = group if len(group) == 1 else [*group, Squares.together(group)]
+        for squares in alone:
+            yield Candidate(squares, None, *likeliest_cycle(squares.time, squares.left))
+            for axis, angle in squares.angles.items():
+                agreement = parts_agree(squares.left, angle / (2 * np.pi))
+                yield Candidate(squares, axis, 0.0, log_agreement(agreement))
+
+
+def _squares(
+    observations: Observations, k: int, left: Array, effects: Sequence[Effect]
+) -> Squares | None:
+    """The squares of a channel's residual, (n,); None where they do not vary."""
+    channel = observations.channels[k]
+    known = column_space(np.column_stack(list(_usual(observations, k, effects))))
+    size = left**2
+    rest = size - known @ (known.T @ size)
+    if not rest.std() > 0:
+        return None
+    course = observations.courses[channel.recording]
+    turning = observations.scenario.rig.kind.turning
+    angles = {axis: course.angles[axis][channel.rows] for axis in turning}
+    return Squares((channel,), channel.time, angles, rest / rest.std(), size)
+
+
+def _usual(observations: Observations, k: int, effects: Sequence[Effect]) -> Iterator[Array]:
+    """What the noise of an instrument may depend on, (n,) each: motion and rest, time, temperature,
+    what the sensor feels, and how long ago the table moved.
+    """
+    channel = observations.channels[k]
+    sense = observations.watches(effects)[channel.recording].sense[channel.sensor]
+    own = sense.true_input()[:, channel.column]
+    moving = (channel.stop < 0).astype(float)
+    yield from (np.ones(len(moving)), moving)
+    span = (channel.time - channel.time[0]) / float(np.ptp(channel.time))
+    yield from (span, span**2, span**3)
+    since = observations.at_samples(k, coordinate_of("since_move", sense, own))
+    yield from ((1 - moving) * np.exp(-since / settled) for settled in AFTER)
+    yield observations.at_samples(k, sense.temperature)
+    for felt in (own, *sense.force.T, coordinate_of("speed", sense, own)):
+        u = observations.at_samples(k, felt)
+        yield from (u, np.abs(u), u**2)
+
+
+def _told(best: Candidate, probability: float) -> VaryingNoise:
+    """What is told of a candidate."""
+    squares = best.squares
+    period = 0.0
+    if best.axis is None:
+        period = sharpest(squares.time, squares.left, best.period)
+        phase = (squares.time - squares.time[0]) / period
+    else:
+        phase = squares.angles[best.axis] / (2 * np.pi)
+    sector = sectors_of(phase)
+    inside = loud_sectors(np.asarray(np.bincount(sector, squares.left, SECTORS), float))
+    loud = np.isin(sector, inside % SECTORS)
+    times = np.sqrt(squares.size[loud].mean() / squares.size[~loud].mean())
+    step = 0.0 if best.axis is None else 360.0 / SECTORS
+    return VaryingNoise(
+        squares.channels[0].sensor,
+        tuple(c.axis for c in squares.channels),
+        None if best.axis is None else angle_channel(best.axis),
+        period,
+        step * inside[0],
+        step * (inside[-1] + 1),
+        float(times),
+        probability,
+    )

@@ -20,13 +20,15 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypothese
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.noise_prior import noise_price
+from tiltcal.diagnosis.model.normal_equations import normal_equations
+from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, any_of, log_bayes_factor
 from tiltcal.diagnosis.search.column_selection import ColumnSelection
 from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explanation import explain, explanation_of
-from tiltcal.diagnosis.search.local_level import local_level
+from tiltcal.diagnosis.search.local_level import level_beside, local_level
 from tiltcal.diagnosis.search.name_probabilities import Row, imitation_odds, name_probabilities
 from tiltcal.diagnosis.search.number_evidence import NumberEvidence
 from tiltcal.diagnosis.search.priors import UNLISTED_SHARE, log_priors
@@ -385,6 +387,19 @@ def test_a_line_does_not_raise_its_own_level_but_many_raise_that_of_each():
     alone, among = prepared(*lines(2.0)), prepared(*lines(*np.arange(1.5, 2.7, 0.05)))
     assert level_of(among, shaking(2.0)) > 10 * level_of(alone, shaking(2.0))
     assert level_of(alone, shaking(2.0)) < 3
+
+
+def test_the_level_from_normal_equations_is_that_from_the_columns():
+    """Of a law with what completes it."""
+    found = prepared(*lines(2.0), *lines(2.1))
+    columns, whitened = found.whitened.columns, found.whitened
+    fitted = refit(found.start, whitened)
+    for k in [k for k, h in enumerate(whitened.hypotheses) if h.line_hz][:6]:
+        members = [k, *columns.family(k)]
+        equations = normal_equations(members, fitted.basis, fitted.residual, whitened)
+        law, *family = (whitened.hypotheses[m] for m in members)
+        level = local_level(law, family, fitted, whitened)
+        assert level_beside(law, equations, fitted, whitened) == pytest.approx(level, rel=1e-4)
 
 
 def test_what_is_no_line_has_no_level(square):

@@ -98,6 +98,28 @@ def left_beside(
     }
 
 
+def left_by(
+    equations: NormalEquations,
+    basis: Sequence[Array],
+    target: Sequence[Array],
+    whitened: WhitenedModel,
+) -> dict[int, Array]:
+    """What all columns of some equations leave of the target in the channels that they change, (n,)
+    each.
+
+    Args:
+        equations: of the columns beside the basis, in the target.
+        basis: orthonormal, by channel, (n, q).
+        target: free of it, by channel, (n,).
+        whitened: holds the columns.
+    """
+    values = equations.solve(range(len(equations.target)))
+    parts = _parts(list(dict.fromkeys(equations.owner)), whitened)
+    signal = {i: values[mine] @ part for i, (mine, part) in parts.items()}
+    along = np.sum([basis[i].T @ part for i, part in signal.items()], axis=0)
+    return {i: target[i] - part + basis[i] @ along for i, part in signal.items()}
+
+
 def _beside(
     columns: Sequence[Columns], basis: Sequence[Array], target: Sequence[Array]
 ) -> tuple[BlockDesignMatrix, Array, NormalEquations]:

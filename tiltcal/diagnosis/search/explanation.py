@@ -23,7 +23,7 @@ from tiltcal.diagnosis.search.bayes_factors import (
     DEVIATIONS,
 )
 from tiltcal.diagnosis.search.column_selection import ColumnSelection
-from tiltcal.diagnosis.search.local_level import local_level
+from tiltcal.diagnosis.search.local_level import level_beside, local_level
 from tiltcal.diagnosis.search.number_evidence import NumberEvidence
 from tiltcal.diagnosis.search.possible_sizes import possible
 
@@ -98,8 +98,7 @@ def explained_by(
     hypothesis = whitened.hypotheses[number]
     law = np.equal(normal.owner, number)
     alike = np.array([whitened.hypotheses[k].id == hypothesis.id for k in normal.owner])
-    family = [whitened.hypotheses[k] for k in dict.fromkeys(normal.owner) if k != number]
-    level = local_level(hypothesis, family, fitted, whitened)
+    level = level_beside(hypothesis, normal, fitted, whitened)
     gram, side, raw = (part / level for part in (normal.gram, normal.target, normal.raw))
     selection = ColumnSelection(
         gram, side, raw, law, _deviations(alike), hypothesis.has_plausible_size

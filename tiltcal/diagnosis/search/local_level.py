@@ -8,9 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
-from tiltcal.diagnosis.model.normal_equations import left_beside
+from tiltcal.diagnosis.model.normal_equations import NormalEquations, left_beside, left_by
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 
 OCTAVE = 2.0  # from the lowest frequency of a neighbourhood to the highest
@@ -30,13 +31,25 @@ def local_level(
         law: the line; family: what completes it: of a tone that wanders the lines beside it.
         fitted: the model without them; whitened: the noise.
     """
-    if not (frequency := law.line_hz):
+    if not law.line_hz:
         return 1.0
     own = stored_of(whitened, [FittedTerm.start(h) for h in (law, *family)])
-    left = left_beside(own, fitted.basis, fitted.residual)
+    return _level(law, left_beside(own, fitted.basis, fitted.residual), whitened)
+
+
+def level_beside(
+    law: Hypothesis, equations: NormalEquations, fitted: FittedModel, whitened: WhitenedModel
+) -> float:
+    """As ``local_level``, from the normal equations of a law with what completes it."""
+    if not law.line_hz:
+        return 1.0
+    return _level(law, left_by(equations, fitted.basis, fitted.residual, whitened), whitened)
+
+
+def _level(law: Hypothesis, left: Columns, whitened: WhitenedModel) -> float:
     channels = whitened.observations.channels
     found = [
-        part[_near(frequency, float(np.ptp(channels[i].time)), len(part))]
+        part[_near(law.line_hz, float(np.ptp(channels[i].time)), len(part))]
         for i, part in left.items()
     ]
     powers = np.concatenate([*found, np.zeros(0)]) ** 2

@@ -23,10 +23,10 @@ def rng_of(test_name: str) -> np.random.Generator:
 
 
 def draws_of(full: int) -> int:
-    """Number of draws of a test whose claim is measured with ``full`` of them: a quarter
-    in the suite, with the bands of a quarter; all with ``TILTCAL_DRAWS=full``, as in `make bench`.
+    """Number of draws of a test whose claim is measured with ``full`` of them: a tenth
+    in the suite, with the bands of a tenth; all with ``TILTCAL_DRAWS=full``, as in `make bench`.
     """
-    return full if os.environ.get("TILTCAL_DRAWS") == "full" else full // 4
+    return full if os.environ.get("TILTCAL_DRAWS") == "full" else full // 10
 
 
 def variance_band(dof: int, comparisons: int = 1) -> tuple[float, float]:

@@ -1,5 +1,5 @@
 """The tests that measure variances, NEES and coverage against the Cramer-Rao bound, with all their
-draws: the suite makes a quarter of them.
+draws: the suite makes a tenth of them.
 """
 
 import os

@@ -7,21 +7,39 @@ A block that opens with ```` ```toml bench.toml ```` is a file. A block that ope
 ```` ```console ```` holds commands, ``$ ...``, and what each prints; a line ``...`` stands for any
 number of lines. All blocks of a page run in one empty folder, in order, beside the project's
 scenarios.
+
+The first page a reader sees, pages with Python code of their own, and commands with more than pipes
+run as they stand in a shell; of all others the ``tiltcal`` command runs in this process, and what
+its output is piped into in a shell.
 """
 
+import contextlib
 import doctest
+import io
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
+
+from tiltcal.cli import main as tiltcal
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.M | re.S)
 LIMIT_S = 300
+SHELL_ONLY = set("$`;&<>()*?~")  # what a shell makes something of
+WORKERS = {
+    "campaign",
+    "record",
+    "serve",
+    "sweep",
+    "verify",
+}  # with processes or sockets of their own
 Checker = doctest.OutputChecker
 
 
@@ -43,16 +61,20 @@ class Example:
 def examples_of(page: Path) -> list[Example]:
     """Run all blocks of a page."""
     found = []
+    blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
+    whole = page.stem == "index" or any(file.endswith(".py") for _, file, _ in blocks)
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         (place / "scenarios").symlink_to(ROOT / "scenarios")
         (place / "tests").symlink_to(ROOT / "tests")
-        for language, file, body in BLOCK.findall(page.read_text(encoding="utf-8")):
+        for language, file, body in blocks:
             if file:
                 (place / file).write_text(body, encoding="utf-8")
             elif language == "console":
                 for command, stated in commands_of(body):
-                    found.append(Example(page, command, stated, run(command, place)))
+                    here = not whole and may_be_called(command)
+                    printed = (called if here else run)(command, place)
+                    found.append(Example(page, command, stated, printed))
     return found
 
 
@@ -62,21 +84,57 @@ def commands_of(body: str) -> list[tuple[str, str]]:
     return list(zip(parts[::2], parts[1::2], strict=True))
 
 
-def run(command: str, place: Path) -> str:
-    """What a command prints on standard output and, where it fails, on standard error."""
+def may_be_called(command: str) -> bool:
+    """Whether its first part is a ``tiltcal`` command that needs neither a shell nor a process."""
+    first = command.partition(" | ")[0]
+    program, *words = first.split()
+    return program == "tiltcal" and words[0] not in WORKERS and not SHELL_ONLY & set(first)
+
+
+def called(command: str, place: Path) -> str:
+    """What ``run`` gives, the first part of the command without a new interpreter."""
+    first, _, rest = command.partition(" | ")
+    said, complained = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
+    with (
+        contextlib.chdir(place),
+        contextlib.redirect_stdout(said),
+        contextlib.redirect_stderr(complained),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")  # as the program does
+        status = tiltcal(shlex.split(first)[1:])
+    printed, errors = (_content(stream) for stream in (said, complained))
+    return run(rest, place, printed) if rest else in_lines(printed, errors if status == 2 else "")
+
+
+def _content(stream: io.TextIOWrapper) -> str:
+    """All that was written to a stream in memory."""
+    stream.flush()
+    return stream.buffer.getvalue().decode("utf-8")
+
+
+def run(command: str, place: Path, given: str = "") -> str:
+    """What a command prints on standard output and, where it fails, on standard error; given: its
+    standard input.
+    """
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
     result = subprocess.run(
         command,
         shell=True,
         cwd=place,
         env=os.environ | {"PATH": path, "COLUMNS": "160"},
+        input=given,
         capture_output=True,
         text=True,
         timeout=LIMIT_S,
         check=False,
     )
-    failed = result.stderr if result.returncode == 2 else ""
-    return "".join(f"{line.rstrip()}\n" for line in (result.stdout + failed).splitlines())
+    return in_lines(result.stdout, result.stderr if result.returncode == 2 else "")
+
+
+def in_lines(printed: str, errors: str) -> str:
+    """Both without blanks at the ends of lines."""
+    return "".join(f"{line.rstrip()}\n" for line in (printed + errors).splitlines())
 
 
 def written(page: Path, examples: list[Example]) -> str:
@@ -91,6 +149,7 @@ def written(page: Path, examples: list[Example]) -> str:
 
 def main() -> int:
     write = "--write" in sys.argv
+    os.environ["COLUMNS"] = "160"
     wrong = 0
     for page in PAGES:
         examples = examples_of(page)

@@ -135,6 +135,12 @@ def honest(scenario: Scenario) -> Scenario:
     return parse_scenario({"schema": 1, **table})
 
 
+def shorter(scenario: Scenario, poses: int) -> Scenario:
+    """The same dual table with a tumble of fewer poses."""
+    table = scenario.model_dump(exclude_defaults=True, by_alias=True)
+    return parse_scenario({"schema": 1, **table, "sequence": tumble(poses)})
+
+
 def recorded(scenario: Scenario, seed: int) -> Recording:
     """A recording of it, by the closed form."""
     return SimulatedLaboratory().record(scenario, seed)

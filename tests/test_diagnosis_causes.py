@@ -67,7 +67,8 @@ def test_another_name_beside_it_is_another_finding():
     assert names_of(told(shake(500.0, 3.4), K2)) == ["acc_K2", "base_vibration"]
 
 
-def test_steps_at_two_instants_are_two_findings():
+def test_steps_at_two_instants_are_two_findings_and_no_slip_of_the_mount():
+    """A slip turns two axes and has two sizes where a step of one bias has one."""
     found = told({**STEP, "time_s": 40.0}, STEP)
     assert names_of(found) == ["acc_bias_step", "acc_bias_step"]
     began = sorted(f.where.interval[0] for f in found.findings)
@@ -101,7 +102,7 @@ def test_several_sizes_of_one_law_are_one_finding_with_each_of_them():
         assert abs(value - truth) < 4 * sigma
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_law_brings_no_others_with_it(seed):
     assert names_of(told(K2, seed=seed)) == ["acc_K2"]
 
@@ -116,14 +117,7 @@ def test_an_odd_quadratic_that_fits_is_no_cubic():
     assert finding.names == ("acc_Koq",)
 
 
-def test_a_step_of_one_bias_is_not_a_slip_of_the_mount():
-    """A slip turns two axes and has two sizes where the step has one."""
-    (finding,) = told(STEP).findings
-    assert finding.effect == "acc_bias_step"
-
-
-@pytest.mark.parametrize(("step", "slow"), [(3e-5, []), (3e-4, [""])])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("seed", "step", "slow"), [(0, 3e-5, []), (1, 3e-4, [""])])
 def test_a_random_walk_beside_a_law_is_noise_as_long_as_some_instrument_has_it(seed, step, slow):
     """Some warm-ups and curves would take it; under the noise that is left it is a walk. One of 40
     times what the worst grade has is no noise.

@@ -221,7 +221,7 @@ def test_the_p_value_of_check_is_uniform_when_nothing_has_changed(method, up, ot
     labels = [names.get(tuple(u)) for u in up.tolist()]
     seen = [names.get(tuple(u)) if judged_by == "tilt" else None for u in other.tolist()]
     p = []
-    for _ in range(400):
+    for _ in range(200):
         calibration = calibrate(method, measured(up, rng), setup, segments=told(up, labels))
         found = check(calibration, measured(other, rng), setup, segments=told(other, seen))
         assert found.judged_by == judged_by

@@ -67,10 +67,14 @@ def module(here, monkeypatch):
     sys.modules.pop("lab", None)
 
 
+# the methods look at no reading
+SMALL = (HEAD + EFFECTS + SEQUENCE).replace("rate_hz = 50", "rate_hz = 5")
+
+
 def verified(folder, capsys, options, accept, *words, status=0):
     """The one method of a claim with twenty runs, judged by `verify`."""
     text = f"[[method]]\nname = 'lab:fake'\nruns = 20\noptions = {{ {options} }}\n"
-    text = HEAD + EFFECTS + SEQUENCE + text + f"[method.accept]\n{accept}\n"
+    text = SMALL + text + f"[method.accept]\n{accept}\n"
     (folder / "claim.toml").write_text(text)
     capsys.readouterr()
     assert main(["verify", "claim.toml", "--json", *words]) == status
@@ -167,7 +171,7 @@ def test_one_failed_run_is_named_and_the_others_are_kept(module, capsys):
 
 
 def test_a_worker_that_ends_is_one_message(module, capsys):
-    text = HEAD + EFFECTS + SEQUENCE + "[[method]]\nname = 'lab:fake'\nruns = 4\n"
+    text = SMALL + "[[method]]\nname = 'lab:fake'\nruns = 4\n"
     (module / "claim.toml").write_text(text + "options = { dies = 7 }\n")
     assert main(["verify", "claim.toml", "-j", "2", "-o", "out"]) == 2
     assert "run 3: found no result: its process ended by exit status 3" in capsys.readouterr().err

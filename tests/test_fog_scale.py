@@ -7,7 +7,7 @@ import pytest
 from builders import setup_of
 from field_draws import BOUND, PLAIN, RATE, SCALE, U, turned_about_each_axis
 from scipy.stats import binom, chi2
-from statistics_helpers import rng_of
+from statistics_helpers import draws_of, rng_of
 
 from tiltcal.calibration.methods.fog_filter import (
     augmented_problem,
@@ -48,8 +48,11 @@ def test_the_augmented_filter_is_at_its_bound_and_the_patent_s_claims_too_much()
     ours, theirs, claims = np.empty((draws, 3)), np.empty((draws, 3)), np.empty((draws, 3))
     for k in range(draws):
         log = turned_about_each_axis(rng)
-        ours[k] = kalman(augmented_problem(log)).scale - SCALE
-        plain = kalman(patent_problem(log))
+        problems = augmented_problem(log), patent_problem(log)
+        found, plain = (batch(p) for p in problems)  # the filters' twins, and quicker
+        for problem, twin in zip(problems, (found, plain), strict=True) if k < 20 else ():
+            np.testing.assert_allclose(kalman(problem).x, twin.x, atol=1e-6 * PLAIN)
+        ours[k] = found.scale - SCALE
         theirs[k], claims[k] = plain.x - SCALE, np.sqrt(np.diag(plain.P))
     assert np.sqrt(np.mean(ours**2)) == pytest.approx(BOUND, rel=0.05)
     assert np.sqrt(np.mean(theirs**2)) == pytest.approx(BOUND, rel=0.05)
@@ -58,21 +61,21 @@ def test_the_augmented_filter_is_at_its_bound_and_the_patent_s_claims_too_much()
 
 @pytest.mark.slow
 def test_variance_nees_and_coverage_lie_in_their_bands():
-    """The batch twin, which equals the filter to rounding, over 10 000 draws."""
-    rng, draws = rng_of("field statistics"), 10_000
+    """The batch twin, which equals the filter to rounding."""
+    rng, draws = rng_of("field statistics"), draws_of(10_000)
     errors, nees, inside = np.empty((draws, 3)), 0.0, np.zeros(3)
     for k in range(draws):
         found = batch(augmented_problem(turned_about_each_axis(rng)))
         errors[k] = found.scale - SCALE
         nees += errors[k] @ np.linalg.solve(found.scale_covariance, errors[k])
         inside += np.abs(errors[k]) <= 1.96 * np.sqrt(np.diag(found.scale_covariance))
-    p = FAMILY / 5 / 2  # three variances, NEES, coverage
+    p = FAMILY / 7 / 2  # three variances, NEES, three coverages
     assert chi2.ppf(p, 3 * draws) < nees < chi2.isf(p, 3 * draws), nees / 3 / draws
     ratio = (errors**2).sum(axis=0) / BOUND**2
     # (1 + S)^2 of the bound
     assert np.all((ratio > chi2.ppf(p, draws)) & (ratio < chi2.isf(p, draws) * 1.01)), ratio / draws
-    assert np.all((inside / draws > 0.94) & (inside / draws < 0.96))
-    assert binom.cdf(0.94 * draws, draws, 0.95) < p
+    low, high = binom.ppf([p, 1 - p], draws, 0.95)
+    assert np.all((inside >= low) & (inside <= high)), inside / draws
 
 
 @pytest.mark.parametrize("walk", [0.0, 1e-10])
@@ -148,14 +151,14 @@ def test_a_noiseless_log_gives_back_what_was_injected():
 @pytest.mark.slow
 def test_the_whole_method_is_consistent_over_seeds():
     total, dof, worst = 0.0, 0, []
-    for seed in range(150):
+    for seed in range(60):
         found = calibrate("fog_scale", recorded(seed=9000 + seed), SCENARIO)
         nees, n = normalised_error(found, true_parameters(SCENARIO, SCENARIO.effects, found))
         total, dof = total + nees, dof + n
         worst.append(found.verdict)
-    assert dof == 450
+    assert dof == 180
     assert chi2.ppf(FAMILY / 2, dof) < total < chi2.isf(FAMILY / 2, dof), total / dof
-    assert worst.count("good") >= 145
+    assert worst.count("good") >= 58
 
 
 def statement(found, name):

@@ -51,7 +51,7 @@ def scenario_with(*effects):
                 {
                     "name": "accel",
                     "kind": "accelerometer",
-                    "rate_hz": 20,
+                    "rate_hz": 10,
                     "adjustable": ["bias", "scale", "cross_axis"],
                 }
             ],

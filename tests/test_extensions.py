@@ -98,9 +98,15 @@ def test_its_effect_and_its_method_are_listed(tiltcal):
     assert "azimuth_zero_arcsec" in tiltcal("effects", "table_encoder_zero")
 
 
-def test_its_effect_on_its_table_is_injected_diagnosed_and_simulated_again(tiltcal):
+@pytest.fixture(scope="module")
+def recording(tiltcal):
+    """A recording with its effect."""
     tiltcal("simulate", "truth.toml", "-o", "run.csv")
-    found = json.loads(tiltcal("diagnose", "run.csv", "--scenario", "known.toml", "--json"))
+    return "run.csv"
+
+
+def test_its_effect_on_its_table_is_injected_diagnosed_and_simulated_again(tiltcal, recording):
+    found = json.loads(tiltcal("diagnose", recording, "--scenario", "known.toml", "--json"))
     (finding,) = found["findings"]
     assert (found["verdict"], finding["effect"]) == ("explained", "table_wobble_third")
     assert finding["where"]["coordinate"] == "table_roll"
@@ -109,11 +115,10 @@ def test_its_effect_on_its_table_is_injected_diagnosed_and_simulated_again(tiltc
         assert abs(estimate["value"] - true) < 5 * estimate["sigma"]
 
 
-def test_its_effect_may_be_adjustable(tiltcal, lab):
-    tiltcal("simulate", "truth.toml", "-o", "fit.csv")
+def test_its_effect_may_be_adjustable(tiltcal, lab, recording):
     free = HEAD.replace('"cross_axis"]', '"cross_axis", "table_wobble_third"]')
     (lab / "free.toml").write_text(free + tumble())
-    found = json.loads(tiltcal("diagnose", "fit.csv", "--scenario", "free.toml", "--json"))
+    found = json.loads(tiltcal("diagnose", recording, "--scenario", "free.toml", "--json"))
     assert found["verdict"] == "match"
 
 

@@ -124,13 +124,6 @@ def test_a_recording_with_nothing_left_out_is_a_match():
     assert seen["acc_K2"].size["k2_x_ug_g2"] > 0
 
 
-@pytest.mark.slow
-def test_two_recordings_are_explained_together():
-    truth = bench({"id": "acc_K3", "sensor": "accel", "k3_y_ug_g3": 500.0})
-    found = diagnose(honest(truth), [recorded(truth, 1), recorded(truth, 2)])
-    assert "acc_K3" in found.findings[0].names
-
-
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     """A recording with a concealed effect, and scenarios with and without the truth."""

@@ -12,11 +12,11 @@ from tiltcal.laboratory.scenario import parse_scenario
 EVERY = 7.3  # s
 
 
-def moving(*effects, seed=5):
+def moving(*effects, seed=5, rate_hz=25.0):
     """A triad on a table that moves every four seconds, and its scenario."""
     truth = bench()
     table = truth.model_dump(exclude={"effect", "sequence"}, exclude_defaults=True, by_alias=True)
-    table["sensor"][0]["rate_hz"] = 25.0
+    table["sensor"][0]["rate_hz"] = rate_hz
     turns = np.random.default_rng(2).uniform(-170, 170, (28, 2))
     sequence = [
         {"action": "move", "outer_deg": a, "inner_deg": b, "rate_deg_s": 60.0, "dwell_s": 1.5}
@@ -28,11 +28,11 @@ def moving(*effects, seed=5):
     return scenario, recorded(scenario, seed)
 
 
-def late_by(course):
+def late_by(course, rate_hz=25.0):
     """A recording whose readings were stamped later than they were taken, by a course of the time,
     s: each is that of the motion then.
     """
-    scenario, read = moving()
+    scenario, read = moving(rate_hz=rate_hz)
     time = np.asarray(read.time)
     changed = {}
     for axis in "xyz":
@@ -64,9 +64,9 @@ def test_stamps_that_are_right_have_no_such_line():
     assert late_of(found.observations, found.start) == ()
 
 
-@pytest.mark.parametrize("course", [saw, wandering])
-def test_stamps_that_are_late_by_no_law_are_a_finding_at_the_stamps(course):
-    scenario, read = late_by(course)
+@pytest.mark.parametrize(("course", "rate_hz"), [(saw, 12.0), (wandering, 25.0)])
+def test_stamps_that_are_late_by_no_law_are_a_finding_at_the_stamps(course, rate_hz):
+    scenario, read = late_by(course, rate_hz)
     found = diagnose(honest(scenario), [read])
     assert found.verdict == "unlisted"
     (nameless,) = (f for f in found.findings if f.effect is None)

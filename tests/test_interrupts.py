@@ -35,7 +35,7 @@ def heard():
 
 
 @pytest.mark.parametrize("number", list(STATUS))
-@pytest.mark.parametrize("delay", [0.0, 0.3, 0.8])
+@pytest.mark.parametrize("delay", [0.0, 0.8])
 def test_a_signal_while_a_recording_is_written_leaves_nothing(number, delay, here):
     (here / "long.toml").write_text(LONG)
     words = [*PYTHON, "simulate", "long.toml", "-o", "run.csv", "--truth", "truth.json"]

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from autoregressive_noise import AutoRegressive2
-from diagnosis_fixtures import bench, honest, recorded, rewritten
+from diagnosis_fixtures import bench, honest, recorded, rewritten, shorter
 from scipy.stats import binom, norm
 from statistics_helpers import FALSE_ALARM
 
@@ -59,13 +59,28 @@ def test_codes_much_coarser_than_the_noise_leave_a_white_level(rng):
     assert 0 < white_level(coarse) < 1
 
 
-@pytest.mark.parametrize("walk", [0.0, 12.0])
-def test_chi_square_is_not_one_by_construction(walk):
+def by_noise(walk):
+    """What is said of a recording of noise alone."""
+    truth = bench(noisy(walk), noise=False)
+    return diagnose(honest(truth), [recorded(truth, 11)])
+
+
+@pytest.fixture(scope="module")
+def white():
+    return by_noise(0.0)
+
+
+@pytest.fixture(scope="module")
+def walking():
+    return by_noise(12.0)
+
+
+@pytest.mark.parametrize(("which", "walk"), [("white", 0.0), ("walking", 12.0)])
+def test_chi_square_is_not_one_by_construction(which, walk, request):
     """Slow noise raises it by its share; under white noise alone it is 1 to the level's own
     uncertainty.
     """
-    truth = bench(noisy(walk), noise=False)
-    found = diagnose(honest(truth), [recorded(truth, 11)])
+    found = request.getfixturevalue(which)
     assert found.verdict == "match"
     after = found.after.chi2_per_dof
     slow = sum(c.slow for c in found.noise.channels.values())
@@ -104,17 +119,15 @@ def test_delta_bic_is_that_of_the_likelihoods_beside_it():
     assert finding.heldout_gain == pytest.approx(rise, rel=0.1)
 
 
-def test_a_likelihood_is_that_of_the_noise():
+def test_a_likelihood_is_that_of_the_noise(white):
     """Of white noise alone it is the sum of the logarithms of normal densities."""
-    truth = bench()
-    found = diagnose(honest(truth), [recorded(truth, 2)])
     expected = 0.0
     for axis in "xyz":
-        sigma = found.after.rms[f"accel_{axis}_m_s2"]
-        n = quick_length(len(recorded(truth, 2)))
+        sigma = white.after.rms[f"accel_{axis}_m_s2"]
+        n = quick_length(len(recorded(bench(), 2)))
         expected += n * (norm.logpdf(0, scale=sigma) - 0.5)
     # flicker and walk may take a few nats more
-    assert found.after.log_likelihood == pytest.approx(expected, abs=15)
+    assert white.after.log_likelihood == pytest.approx(expected, abs=15)
 
 
 @pytest.mark.parametrize(
@@ -148,9 +161,8 @@ def test_an_interval_is_not_wider_than_it_needs_to_be(rng):
     assert interval_of(fit, "walk")[0] == interval_of(fit, "flicker")[0] == 0.0
 
 
-def test_the_noise_is_in_the_units_of_a_data_sheet():
-    truth = bench(noisy(12.0), noise=False)
-    found = diagnose(honest(truth), [recorded(truth, 11)]).to_json()["noise"]
+def test_the_noise_is_in_the_units_of_a_data_sheet(walking):
+    found = walking.to_json()["noise"]
     assert found["source"] == "the recording itself"
     assert set(found["channels"]) == {"accel_x", "accel_y", "accel_z"}
     for channel in found["channels"].values():
@@ -198,19 +210,21 @@ def test_a_static_record_in_the_wrong_unit_is_repaired_as_the_recording_is():
 def test_a_noise_model_from_outside_is_reported_by_its_own_amplitudes():
     truth = bench()
     found = diagnose(honest(truth), [recorded(truth, 4)], noise=AutoRegressive2)
+    assert found.verdict == "match"
     for channel in found.to_json()["noise"]["channels"].values():
         assert set(channel) == {"white", "share_of_residual", "depends_on"}
         assert channel["white"]["low"] < WHITE < channel["white"]["high"] * 1.05
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("walk", "told"), [(1.0, False), (200.0, True)])
-def test_slow_variation_beyond_any_grade_is_a_finding(walk, told):
-    truth = bench(noisy(walk), noise=False)
+def test_slow_variation_beyond_any_grade_is_a_finding(walking):
+    """That of the worst grades is none."""
+    assert (walking.verdict, walking.findings) == ("match", ())
+    truth = shorter(bench(noisy(200.0), noise=False), 6)
     found = diagnose(honest(truth), [recorded(truth, 3)])
     slow = [f for f in found.findings if "Slow variation of accel" in f.statement]
-    assert bool(slow) == told
-    assert found.verdict == ("unlisted" if told else "match")
+    assert slow
+    assert found.verdict == "unlisted"
     for finding in slow:
         assert "times the slow noise of the worst grade" in finding.statement
 

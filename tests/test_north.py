@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders import setup_of
 from scipy.stats import binom, chi2
-from statistics_helpers import rng_of
+from statistics_helpers import draws_of, rng_of
 
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.methods.turntable import Turntable, start_of
@@ -183,7 +183,7 @@ def test_variance_nees_and_coverage_lie_in_one_computed_band(angles):
     """Bounds by hand: half differences of two dwells, or sine and cosine of four; biases are means
     of all dwells.
     """
-    draws, azimuth, m = 4000, 100 * DEG, len(angles)
+    draws, azimuth, m = draws_of(4000), 100 * DEG, len(angles)
     draw = drawn(azimuth, 0.0, 0.0, angles, rng_of(f"north statistics {m}"))
     truth = np.array([azimuth, FOG_BIAS, 0.0, 0.0, *ACCEL_BIAS])
     fog, level = FOG_SIGMA / np.sqrt(DWELL), ACCEL_SIGMA / np.sqrt(DWELL)
@@ -220,7 +220,7 @@ def test_variance_nees_and_coverage_lie_in_one_computed_band(angles):
 
 @pytest.mark.slow
 def test_the_whole_method_is_consistent_and_seldom_suspects_itself():
-    rng, total, draws, verdicts = rng_of("north whole"), 0.0, 300, []
+    rng, total, draws, verdicts = rng_of("north whole"), 0.0, 100, []
     truth = {
         "base.azimuth": azimuth_of(1.0, 0.003, -0.004),
         "base.roll": 0.003,

@@ -2,6 +2,7 @@
 the results have the same bytes however they were made.
 """
 
+import io
 import json
 import os
 import re
@@ -11,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -69,7 +70,10 @@ def run(*words: str, status: int = 0) -> str:
 
 def merge(*words: str, status: int = 0) -> str:
     """What the merging of shards prints."""
-    return _said([*PROGRAM, "merge", *words], status)
+    said = io.StringIO()
+    with redirect_stdout(said), redirect_stderr(said):
+        assert main(["merge", *words]) == status
+    return said.getvalue()
 
 
 def _said(command: list[str], status: int) -> str:

@@ -93,7 +93,7 @@ def test_a_frozen_stretch_is_found_and_a_quiet_sensor_with_coarse_codes_is_not_f
     assert frozen_stretch(np.round((steps + noisy) / 8) * 8) is None
 
 
-@pytest.mark.parametrize("share", [0.3, 3.0])
+@pytest.mark.parametrize("share", [0.3, 1.0, 3.0])
 def test_false_alarms_of_the_slope_test_are_as_rare_as_stated_under_random_walk(share):
     """Fewer than 1 % of 300 logs at a significance of 0.1 %."""
     up, alarms = sphere(12), 0

@@ -391,10 +391,14 @@ def test_a_line_does_not_raise_its_own_level_but_many_raise_that_of_each():
 
 def test_the_level_from_normal_equations_is_that_from_the_columns():
     """Of a law with what completes it."""
-    found = prepared(*lines(2.0), *lines(2.1))
+    truth = bench(*lines(2.0), *lines(2.1))
+    found = prepare(honest(truth), [recorded(truth, 8)])
+    build_dictionary(found.whitened, found.start, SpectralLines(tones=(2.0,), shakes=(2.0,)))
     columns, whitened = found.whitened.columns, found.whitened
     fitted = refit(found.start, whitened)
-    for k in [k for k, h in enumerate(whitened.hypotheses) if h.line_hz][:6]:
+    several = [k for k, h in enumerate(whitened.hypotheses) if h.line_hz and columns.family(k)]
+    assert several
+    for k in several[:6]:
         members = [k, *columns.family(k)]
         equations = normal_equations(members, fitted.basis, fitted.residual, whitened)
         law, *family = (whitened.hypotheses[m] for m in members)

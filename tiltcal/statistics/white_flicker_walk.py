@@ -152,7 +152,7 @@ def search(bins: SpectrumBins, start: Array, fixed: int | None = None) -> tuple[
     shares = _shares(bins)
     v, free = np.array(start), [k for k in range(3) if k != fixed]
     held = 0.0 if fixed is None else shares[:, fixed] * v[fixed]
-    cost = deviance(bins, v)
+    cost = _deviance(bins, shares @ v)
     for _ in range(SCORINGS):
         root = np.sqrt(bins.weight) / (shares @ v)
         columns = shares[:, free] * root[:, None]
@@ -162,7 +162,7 @@ def search(bins: SpectrumBins, start: Array, fixed: int | None = None) -> tuple[
         step[free] = nnls(columns / size, target)[0] / size - v[free]
         step[0] = max(step[0], LEAST_WHITE - v[0])
         before, share = cost, 1.0
-        while (cost := deviance(bins, v + share * step)) > before and share > CLOSE:
+        while (cost := _deviance(bins, shares @ (v + share * step))) > before and share > CLOSE:
             share /= 2
         if cost > before:
             return before, v

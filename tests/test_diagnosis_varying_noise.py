@@ -137,3 +137,8 @@ def test_noise_of_motion_and_bursts_is_none(turned, kind, rng):
     }[kind]
     found = diagnose(scenario, [with_noise(whole, loud, rng)])
     assert found.verdict == "match", found.statement
+
+
+def test_fewer_rows_than_parts_say_nothing():
+    assert parts_agree(np.ones(12), 2.3 * np.arange(12.0)) == 0.0
+    assert likeliest_cycle(np.arange(12.0), np.ones(12)) == (0.0, -np.inf)

@@ -67,7 +67,7 @@ def parts_agree(left: Array, phase: Array) -> float:
         for of in (left, np.ones(len(left)))
     )
     # a part that is louder as a whole says nothing
-    pattern = sums - rows * (sums.sum(axis=1) / rows.sum(axis=1))[:, None]
+    pattern = sums - rows * (sums.sum(axis=1) / np.maximum(rows.sum(axis=1), 1.0))[:, None]
     products = (pattern @ pattern.T)[np.triu_indices(parts, 1)]
     energy = float(products @ products)
     return float(products.sum() / np.sqrt(energy)) if energy > 0 else 0.0

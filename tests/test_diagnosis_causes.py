@@ -63,10 +63,6 @@ def test_one_name_at_one_place_is_one_finding(lines):
     assert names_of(found) == [lines[0]["id"]]
 
 
-def test_another_name_beside_it_is_another_finding():
-    assert names_of(told(shake(500.0, 3.4), K2)) == ["acc_K2", "base_vibration"]
-
-
 def test_steps_at_two_instants_are_two_findings_and_no_slip_of_the_mount():
     """A slip turns two axes and has two sizes where a step of one bias has one."""
     found = told({**STEP, "time_s": 40.0}, STEP)
@@ -94,22 +90,18 @@ def test_a_size_is_one_that_a_file_may_give(id, name, value, good):
     assert possible(FittedTerm(Hypothesis(effect, (name,)), (name,), (value,))) is good
 
 
-def test_several_sizes_of_one_law_are_one_finding_with_each_of_them():
-    (finding,) = told({**K2, "k2_y_ug_g2": 400.0}).findings
-    assert finding.effect == "acc_K2"
+def test_several_laws_are_a_finding_each_with_all_of_their_sizes_and_bring_no_others():
+    """Two of the input, one with two sizes, and one of the base."""
+    second = {**K2, "k2_y_ug_g2": 400.0}
+    found = told(
+        second, {"id": "acc_K3", "sensor": "accel", "k3_z_ug_g3": 800.0}, shake(500.0, 3.4)
+    )
+    assert names_of(found) == ["acc_K2", "acc_K3", "base_vibration"]
+    (finding,) = [f for f in found.findings if f.effect == "acc_K2"]
+    assert finding.parameters.keys() == {"k2_x_ug_g2", "k2_y_ug_g2"}
     for name, truth in (("k2_x_ug_g2", 800.0), ("k2_y_ug_g2", 400.0)):
         value, sigma = finding.parameters[name]
         assert abs(value - truth) < 4 * sigma
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_a_law_brings_no_others_with_it(seed):
-    assert names_of(told(K2, seed=seed)) == ["acc_K2"]
-
-
-def test_two_laws_of_the_input_are_two_findings():
-    found = told(K2, {"id": "acc_K3", "sensor": "accel", "k3_y_ug_g3": 800.0})
-    assert names_of(found) == ["acc_K2", "acc_K3"]
 
 
 def test_an_odd_quadratic_that_fits_is_no_cubic():
@@ -129,14 +121,20 @@ def test_a_random_walk_beside_a_law_is_noise_as_long_as_some_instrument_has_it(s
     assert names_of(diagnose(honest(truth), [read])) == [*slow, "acc_K2"]
 
 
-@pytest.mark.parametrize("axis", ["outer", "inner"])
-def test_a_small_ripple_of_an_encoder_is_named_beside_its_curve(axis):
-    """Of the same encoder or of that of another axis."""
+def test_small_ripples_of_encoders_are_named_beside_a_curve_of_one():
+    """Of the encoder that has the curve, and of that of another axis."""
     found = told(
         {"id": "table_encoder_2rev", "axis": "outer", "cos_arcsec": 40.0},
-        {"id": "table_encoder_sde", "axis": axis, "cos_arcsec": 10.0, "lines": 36.0},
+        *(
+            {"id": "table_encoder_sde", "axis": axis, "cos_arcsec": 10.0, "lines": 36.0}
+            for axis in ("outer", "inner")
+        ),
     )
-    assert names_of(found) == ["table_encoder_2rev", "table_encoder_sde"]
+    assert sorted((f.effect, f.where.coordinate) for f in found.findings) == [
+        ("table_encoder_2rev", "table_outer"),
+        ("table_encoder_sde", "table_inner"),
+        ("table_encoder_sde", "table_outer"),
+    ]
 
 
 @pytest.mark.parametrize(

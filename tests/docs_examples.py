@@ -8,9 +8,9 @@ A block that opens with ```` ```toml bench.toml ```` is a file. A block that ope
 number of lines. All blocks of a page run in one empty folder, in order, beside the project's
 scenarios.
 
-The first page a reader sees, pages with Python code of their own, and commands with more than pipes
-run as they stand in a shell; of all others the ``tiltcal`` command runs in this process, and what
-its output is piped into in a shell.
+The first page a reader sees, commands with more than pipes, and those that start processes or may
+name a module of the page run as they stand in a shell; of all others the ``tiltcal`` command runs
+in this process, and what its output is piped into in a shell.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.M | re.S)
 LIMIT_S = 300
-SHELL_ONLY = set("$`;&<>()*?~")  # what a shell makes something of
+SHELL_ONLY = set("$`;&<>()*?~:")  # what a shell makes something of; module:function
 WORKERS = {
     "campaign",
     "record",
@@ -62,7 +62,7 @@ def examples_of(page: Path) -> list[Example]:
     """Run all blocks of a page."""
     found = []
     blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
-    whole = page.stem == "index" or any(file.endswith(".py") for _, file, _ in blocks)
+    whole = page.stem == "index"
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         (place / "scenarios").symlink_to(ROOT / "scenarios")

@@ -130,16 +130,6 @@ def test_investigate_explains_what_a_quarter_turn_left_open(tmp_path: Path) -> N
     assert [f["effect"] for f in last["findings"]] == ["table_encoder_eccentricity"]
     plan = json.loads((out / "diagnosis_1" / "next_block.json").read_text())
     assert plan["block"] == told["blocks"][1]["block"]
-    split = [
-        "design",
-        "--split",
-        str(out / "diagnosis_1" / "diagnosis.json"),
-        "--scenario",
-        str(tmp_path / "bench.toml"),
-    ]
-    # the diagnosis names its recordings
-    assert main([*split, "-j", "2", "-o", str(tmp_path / "next")]) == 0
-    assert (tmp_path / "next" / "sequence.csv").exists()
 
 
 @pytest.mark.slow

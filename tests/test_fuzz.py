@@ -15,7 +15,7 @@ from tests.fuzz.originals import make_originals
 from tests.fuzz.running import outcomes
 from tiltcal.cli import methods
 
-COUNT = 300
+COUNT = 200
 QUIET = (SOUND, "warning")
 
 

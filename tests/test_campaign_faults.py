@@ -68,11 +68,11 @@ def run(*words: str, status: int = 0) -> str:
     return _said([*COMMAND, *words], status)
 
 
-def merge(*words: str, status: int = 0) -> str:
-    """What the merging of shards prints."""
+def called(*words: str, status: int = 0) -> str:
+    """What a command prints that is called in this process; its runs have processes anyway."""
     said = io.StringIO()
     with redirect_stdout(said), redirect_stderr(said):
-        assert main(["merge", *words]) == status
+        assert main([*words]) == status
     return said.getvalue()
 
 
@@ -129,19 +129,20 @@ def test_shards_and_a_cluster_give_the_same_bytes(whole):
     run("-o", "dask", "-j", "2", "--engine", "dask")
     assert Path("dask/results.parquet").read_bytes() == whole
     for k in (1, 2):
-        run("-o", f"part{k}", "--shard", f"{k}/2")
+        called("campaign", "c.toml", "-o", f"part{k}", "--shard", f"{k}/2")
     assert pq.read_table("part1/results.parquet").num_rows == 5
-    assert "10 of 10 runs" in merge("part1", "part2", "-o", "merged")
+    assert "10 of 10 runs" in called("merge", "part1", "part2", "-o", "merged")
     assert Path("merged/results.parquet").read_bytes() == whole
     Path("part2/results.campaign.json").write_text(
         Path("part2/results.campaign.json").read_text().replace('"runs": 5', '"runs": 4')
     )
-    assert "found another campaign" in merge("part1", "part2", "-o", "other", status=2)
+    assert "found another campaign" in called("merge", "part1", "part2", "-o", "other", status=2)
 
 
 @pytest.mark.usefixtures("ten")
 def test_a_shard_is_a_part_of_a_whole():
-    assert "need i/n with i from 1 to n" in run("-o", "out", "--shard", "3/2", status=2)
+    words = ("campaign", "c.toml", "-o", "out", "--shard", "3/2")
+    assert "need i/n with i from 1 to n" in called(*words, status=2)
 
 
 @pytest.mark.usefixtures("ten")

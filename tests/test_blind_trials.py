@@ -331,12 +331,13 @@ def test_a_few_blind_trials_hold_what_is_promised(tmp_path):
     ]
     assert not [r["note"] for r in results if r["crashed"]]
     alarms = [r["claims"] for r in results if r["type"] in ("null", "impossible")]
-    assert sum(alarms) <= most(len(alarms), 0.02)
+    assert sum(alarms) <= most(len(alarms), 0.01)
     strong = [r for r in results if r["type"] in ("single", "unlisted") and max(r["lambda"]) >= 100]
-    assert sum(not r["claims"] for r in strong) <= most(len(strong), 0.15)
+    assert sum(not r["claims"] for r in strong) <= most(len(strong), 0.02)
     named = [e for r in results if r["type"] in ("single", "data") for e in r["effects"]]
-    assert sum(e["wrong_certain"] for e in named) <= most(len(named), 0.03)
-    assert sum(not e["good"] for e in named) <= most(len(named), 0.1)
+    # of few effects no number is improbable: each answer of any kind is right or wrong
+    wrong = [*alarms, *(not r["claims"] for r in strong), *(not e["good"] for e in named)]
+    assert sum(wrong) <= most(len(wrong), 0.05) < len(wrong) / 2
 
 
 def test_every_trial_can_be_drawn_again_from_its_name():

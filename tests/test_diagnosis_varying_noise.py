@@ -142,3 +142,14 @@ def test_noise_of_motion_and_bursts_is_none(turned, kind, rng):
 def test_fewer_rows_than_parts_say_nothing():
     assert parts_agree(np.ones(12), 2.3 * np.arange(12.0)) == 0.0
     assert likeliest_cycle(np.arange(12.0), np.ones(12)) == (0.0, -np.inf)
+
+
+@pytest.mark.slow
+def test_noise_of_a_temperature_that_swings_is_no_cycle(rng):
+    """It grows sixfold with the temperature: the swing and its harmonics are in the noise."""
+    truth = bench(table="vertical", sensor="incl", swing_degC=3.0, period_s=21.0)
+    whole = recorded(truth, 4)
+    warm = whole.column("temperature_degC")
+    loud = np.exp(0.3 * (warm - warm.min()))
+    found = diagnose(honest(truth), [with_noise(whole, loud, rng)])
+    assert found.verdict == "match", found.statement

@@ -75,6 +75,8 @@ def _varying(noise: VaryingNoise) -> Finding:
     where = f"{noise.sensor} {', '.join(noise.axes)}"
     if noise.follows is None:
         follows = f"a cycle of {noise.period:.3g} s"
+        if noise.instead:
+            follows += f" (or the {axis_of(noise.instead)} angle: this recording cannot tell)"
         loud = "in one part of each cycle"
     else:
         follows = f"the {axis_of(noise.follows)} angle"

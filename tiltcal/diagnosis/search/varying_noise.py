@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from scipy.special import expit, logsumexp
 
 from tiltcal.core.arrays import Array
@@ -33,6 +34,7 @@ from tiltcal.setup.tables import angle_channel
 from tiltcal.statistics.projection import column_space
 
 AFTER = (1.0, 5.0)  # s, in which the noise may settle after a move
+DEGREE = 5  # of the law by which it may depend on temperature and speed
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,7 @@ class VaryingNoise:
         sensor, axes: whose.
         follows: the table axis; None for a cycle.
         period: of a cycle, s; 0 for an angle.
+        instead: the table axis that it may follow and not the cycle; None without evidence.
         low, high: ends of the sector in which the noise is large, deg; 0 for a cycle.
         times: standard deviation where it is large, by that elsewhere.
         probability: that something is there.
@@ -52,6 +55,7 @@ class VaryingNoise:
     axes: tuple[str, ...]
     follows: str | None
     period: float
+    instead: str | None
     low: float
     high: float
     times: float
@@ -122,7 +126,10 @@ def varying_noise(
     prior = np.log(EXPECTED_CAUSES * UNLISTED_SHARE / len(every))
     if (chance := float(expit(logsumexp(factors) + prior))) < least:
         return ()
-    return (_told(every[int(np.argmax(factors))], chance),)
+    best = every[int(np.argmax(factors))]
+    angles = [one for one in every if one.axis is not None and one.factor > 0]
+    instead = max(angles, key=lambda one: one.factor, default=None) if best.axis is None else None
+    return (_told(best, None if instead is None else instead.axis, chance),)
 
 
 def _candidates(
@@ -176,14 +183,18 @@ def _usual(observations: Observations, k: int, effects: Sequence[Effect]) -> Ite
     yield from (span, span**2, span**3)
     since = observations.at_samples(k, coordinate_of("since_move", sense, own))
     yield from ((1 - moving) * np.exp(-since / settled) for settled in AFTER)
-    yield observations.at_samples(k, sense.temperature)
-    for felt in (own, *sense.force.T, coordinate_of("speed", sense, own)):
+    # any smooth law of it: in a cycle of the temperature the noise has its harmonics
+    for course in (sense.temperature, coordinate_of("speed", sense, own)):
+        u = observations.at_samples(k, course)
+        if (reach := float(np.ptp(u))) > 0:
+            yield from legvander(2 * (u - u.min()) / reach - 1, DEGREE).T[1:]
+    for felt in (own, *sense.force.T):
         u = observations.at_samples(k, felt)
         yield from (u, np.abs(u), u**2)
 
 
-def _told(best: Candidate, probability: float) -> VaryingNoise:
-    """What is told of a candidate."""
+def _told(best: Candidate, instead: str | None, probability: float) -> VaryingNoise:
+    """What is told of a candidate; instead: the axis that it may follow and not a cycle."""
     squares = best.squares
     period = 0.0
     if best.axis is None:
@@ -201,6 +212,7 @@ def _told(best: Candidate, probability: float) -> VaryingNoise:
         tuple(c.axis for c in squares.channels),
         None if best.axis is None else angle_channel(best.axis),
         period,
+        instead and angle_channel(instead),
         step * inside[0],
         step * (inside[-1] + 1),
         float(times),

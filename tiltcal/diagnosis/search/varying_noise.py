@@ -33,7 +33,7 @@ from tiltcal.effects.curve_coordinates import coordinate_of
 from tiltcal.setup.tables import angle_channel
 from tiltcal.statistics.projection import column_space
 
-AFTER = (1.0, 5.0)  # s, in which the noise may settle after a move
+AFTER = (0.3, 1.0, 3.0, 10.0)  # s, in which the noise may settle after a move
 DEGREE = 5  # of the law by which it may depend on temperature and speed
 
 

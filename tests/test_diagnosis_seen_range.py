@@ -10,7 +10,7 @@ from diagnosis_fixtures import bench, honest, recorded
 from tiltcal.diagnosis.conclusions.concluding import _beyond_seen
 from tiltcal.diagnosis.conclusions.seen_range import seen_range
 from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import felt_late, over_felt, ranges_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import over_felt, range_felt_late, ranges_of
 from tiltcal.diagnosis.hypotheses.motion_curves import motion_of_readings
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.learned import LearnedReading
@@ -81,10 +81,12 @@ def test_the_knots_of_a_late_rate_are_over_what_was_felt(run):
     ]
     assert late
     for h in late:
-        felt = felt_late("rate_x", h.effect.lag, observations)
+        felt = range_felt_late("rate_x", h.effect.lag, observations)
         assert (h.effect.knots[0], h.effect.knots[-1]) == pytest.approx(felt)
         other = over_felt(replace(h, effect=replace(h.effect, lag=2.0)), observations)
-        assert other.effect.knots[-1] == pytest.approx(felt_late("rate_x", 2.0, observations)[1])
+        assert other.effect.knots[-1] == pytest.approx(
+            range_felt_late("rate_x", 2.0, observations)[1]
+        )
         assert len(other.effect.knots) == len(h.effect.knots)
 
 

@@ -1,5 +1,5 @@
-"""Noise that follows an angle or a cycle is a finding without a name; bursts, and noise that
-follows motion, time or what the sensor feels, are none.
+"""Noise that follows an angle or a cycle is noted; bursts, and noise that follows motion, time or
+what the sensor feels, are not.
 """
 
 import numpy as np
@@ -32,6 +32,11 @@ def test_the_loud_sectors_may_lie_on_both_sides_of_nothing():
     assert loud_sectors(sums).tolist() == [22, 23, 24, 25]
 
 
+def notes_of(found) -> list[str]:
+    """Those that tell of noise in a sector or a cycle."""
+    return [n for n in found.notes if "of the outer angle" in n or "of each cycle" in n]
+
+
 def centred(size):
     return (size - size.mean()) / size.std()
 
@@ -53,10 +58,13 @@ def noise_of(kind, rng):
             noise[first : first + 200] *= 4
     if kind == "heavy tails":
         noise = np.clip(rng.standard_t(2.5, len(TIME)) / 2, -4, 4)
+    if kind == "wandering level":
+        level = np.convolve(rng.standard_normal(len(TIME)), np.ones(600) / np.sqrt(600))
+        noise = np.clip(noise * np.exp(0.5 * level[: len(TIME)]), -4, 4)
     return noise
 
 
-@pytest.mark.parametrize("kind", ["white", "bursts", "heavy tails"])
+@pytest.mark.parametrize("kind", ["white", "bursts", "heavy tails", "wandering level"])
 def test_noise_of_any_kind_has_no_cycle(kind, rng):
     factors = [likeliest_cycle(TIME, centred(noise_of(kind, rng) ** 2))[1] for _ in range(60)]
     assert max(factors) < TOLD + np.log(60)  # of so many trials
@@ -93,7 +101,7 @@ def turned():
 
 
 @pytest.mark.slow
-def test_noise_of_a_sector_is_a_finding_without_a_name(rng):
+def test_noise_of_a_sector_is_noted(rng):
     """Of eight turns, each at another rate: what follows the angle is no cycle."""
     turns = [
         {"action": "move", "outer_deg": 360.0 * (k + 1), "rate_deg_s": 17.0 + 7.0 * (k % 5)}
@@ -105,22 +113,20 @@ def test_noise_of_a_sector_is_a_finding_without_a_name(rng):
     angle = whole.column("table_outer_deg") % 360
     loud = np.where((angle > 100) & (angle < 200), 1.8, 1.0)
     found = diagnose(scenario, [with_noise(whole, loud, rng)])
-    assert found.verdict == "unlisted"
-    (finding,) = found.findings
-    assert (finding.effect, finding.where.coordinate) == (None, "table_outer")
-    assert "The noise of incl" in finding.statement
-    assert "follows the outer angle" in finding.statement
-    assert not finding.parts
+    assert found.verdict == "match"
+    assert "the noise of incl x, y is" in " ".join(notes_of(found))
+    assert "deg of the outer angle as elsewhere" in " ".join(notes_of(found))
 
 
 @pytest.mark.slow
-def test_noise_of_a_cycle_is_a_finding_without_a_name(turned, rng):
+def test_noise_of_a_cycle_is_noted(turned, rng):
     scenario, whole = turned
-    loud = np.where(whole.time % 17.3 < 5.0, 1.8, 1.0)
+    loud = np.where(whole.time % 9.1 < 3.0, 1.8, 1.0)
     found = diagnose(scenario, [with_noise(whole, loud, rng)])
-    assert found.verdict == "unlisted"
-    (finding,) = found.findings
-    assert "follows a cycle of 17.3 s" in finding.statement
+    assert found.verdict == "match"
+    (note,) = notes_of(found)
+    period = note.partition("in one part of each cycle of ")[2].split()[0]
+    assert float(period) == pytest.approx(9.1, rel=0.01)
 
 
 @pytest.mark.slow
@@ -137,6 +143,7 @@ def test_noise_of_motion_and_bursts_is_none(turned, kind, rng):
     }[kind]
     found = diagnose(scenario, [with_noise(whole, loud, rng)])
     assert found.verdict == "match", found.statement
+    assert not notes_of(found)
 
 
 def test_fewer_rows_than_parts_say_nothing():
@@ -153,3 +160,4 @@ def test_noise_of_a_temperature_that_swings_is_no_cycle(rng):
     loud = np.exp(0.3 * (warm - warm.min()))
     found = diagnose(honest(truth), [with_noise(whole, loud, rng)])
     assert found.verdict == "match", found.statement
+    assert not notes_of(found)

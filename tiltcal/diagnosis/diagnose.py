@@ -35,7 +35,7 @@ from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import refit_about_itself
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.claimed_causes import DOUBTED, believed
+from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED, believed
 from tiltcal.diagnosis.search.curve_misfit import largest_misfit
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
 from tiltcal.diagnosis.search.explained import Explained
@@ -252,7 +252,7 @@ def _in_the_noise(
     """
     rest = left.residual(fitted.effects)
     tones = moving_tones(left, rest, fitted.effects, DOUBTED, floors)
-    varying = varying_noise(left, rest, fitted.effects, DOUBTED, floors)
+    varying = varying_noise(left, rest, fitted.effects, CLAIM, floors)
     return narrow_bands(left, rest, DOUBTED, floors), tones, varying
 
 

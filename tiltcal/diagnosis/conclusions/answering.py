@@ -95,7 +95,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     doubt = _doubts_of(said, () if findings else untested_of(observations, prepared.start.rank))
     verdict = verdict_of(findings, tested := last.chi2_per_dof is not None, bool(doubt))
     noise = noise_report(observations, left, gate.noise(fitted, whitened), gate.source)
-    noise_words = f"the noise was taken from {gate.source}", *noise.notes
+    source, varying = f"the noise was taken from {gate.source}", (v.words for v in said.varying)
     reason = untold(observations.scenario.rig, observations.samples, fitted.rank)
     if tested:
         reason = " ".join(doubt)
@@ -106,7 +106,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
         verdict,
         told,
         findings,
-        (*_notes_of(prepared), *noise_words, *implausible(fitted), *doubt),
+        (*_notes_of(prepared), source, *noise.notes, *varying, *implausible(fitted), *doubt),
         undetectable_of(fitted, said.whitened),
         first,
         last,

@@ -14,14 +14,10 @@ from tiltcal.diagnosis.search.name_probabilities import CREDIBLE, UNLISTED
 from tiltcal.diagnosis.search.narrow_bands import NarrowBand
 from tiltcal.diagnosis.search.random_motion import RandomMotion
 from tiltcal.diagnosis.search.slow_variation import SlowVariation
-from tiltcal.diagnosis.search.varying_noise import VaryingNoise
-from tiltcal.setup.tables import axis_of
 
 
 def nameless_findings(said: Explained) -> list[Finding]:
-    """Slow variation of each axis, oscillations, varying noise, and random motion, of what a search
-    came to.
-    """
+    """Slow variation of each axis, oscillations, and random motion, of what a search came to."""
     return [f for chance, f in _all_of(said) if chance >= CLAIM]
 
 
@@ -35,7 +31,6 @@ def _all_of(said: Explained) -> Iterator[tuple[float, Finding]]:
     """Every one with its probability."""
     yield from ((one.probability, _slow(one)) for one in said.slow)
     yield from _oscillations(said.bands, said.tones)
-    yield from ((one.probability, _varying(one)) for one in said.varying)
     yield from ((one.probability, _random(one)) for one in said.motions)
 
 
@@ -69,27 +64,6 @@ def _oscillations(
         words = _moving(where, moving[0]) if moving else _steady(where, steady[0])
         chance = (moving or steady)[0].probability
         yield chance, _nameless((sensor,), axes, chance, *words, "frequency")
-
-
-def _varying(noise: VaryingNoise) -> Finding:
-    where = f"{noise.sensor} {', '.join(noise.axes)}"
-    if noise.follows is None:
-        follows = f"a cycle of {noise.period:.3g} s"
-        if noise.instead:
-            follows += f" (or the {axis_of(noise.instead)} angle: this recording cannot tell)"
-        loud = "in one part of each cycle"
-    else:
-        follows = f"the {axis_of(noise.follows)} angle"
-        loud = f"between {noise.low:.0f} and {noise.high:.0f} deg"
-    return _nameless(
-        (noise.sensor,),
-        noise.axes,
-        noise.probability,
-        f"The noise of {where} follows {follows}: it is {noise.times:.2f} times as large {loud} as"
-        " elsewhere, and no listed effect has this form.",
-        "record at rest for as long inside and outside of that, to see the noise change",
-        noise.follows or "time",
-    )
 
 
 def _random(motion: RandomMotion) -> Finding:

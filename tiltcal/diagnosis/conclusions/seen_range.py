@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.diagnosis.conclusions.one_recording import is_history
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import felt_late, ranges_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import range_felt_late, ranges_of
 from tiltcal.effects.curve_coordinates import INPUTS
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.spans import SpectralLines
@@ -75,7 +75,9 @@ def seen_range(effect: Learned, observations: Observations) -> SeenRange | None:
         return None
     name = effect.coordinate
     key = f"{effect.sensor}_{name}" if name in ("input", "turned") else name
-    ends = felt_late(name, effect.lag, observations) if effect.lag and name in INPUTS else None
+    ends = (
+        range_felt_late(name, effect.lag, observations) if effect.lag and name in INPUTS else None
+    )
     ends = ends or ranges_of(observations, SpectralLines()).ranges.get(key)
     if ends is None:
         return None

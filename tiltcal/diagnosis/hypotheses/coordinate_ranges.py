@@ -35,7 +35,7 @@ def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRan
         ranges["braking"] = (-most, most)
     ranges |= _by_hand(observations)
     ranges |= {
-        late_key(name, lag): felt_late(name, lag, observations) or ranges[name]
+        late_key(name, lag): range_felt_late(name, lag, observations) or ranges[name]
         for name in INPUTS
         if name in ranges
         for lag in MEMORIES
@@ -45,14 +45,14 @@ def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRan
 
 
 def late_key(coordinate: str, lag: float) -> str:
-    """Where the range of a force or a rate is that is felt late by one of MEMORIES."""
+    """Where the range of an input is that is felt late by one of MEMORIES."""
     return f"{coordinate}, {lag:g} s late"
 
 
-def felt_late(
+def range_felt_late(
     coordinate: str, lag: float, observations: Observations
 ) -> tuple[float, float] | None:
-    """How far a force or a rate was felt that is late by a time constant, s, to both sides, SI;
+    """How far one of INPUTS was felt that is late by a time constant, s, to both sides, SI;
     None by hand, where no table tells the motion. Moves that are short beside it are felt little.
     """
     watches = observations.watches(observations.known)
@@ -69,13 +69,13 @@ def felt_late(
 
 
 def over_felt(hypothesis: Hypothesis, observations: Observations) -> Hypothesis:
-    """A curve over a late force or rate with its knots over what was felt; others as they are."""
+    """A curve over a late input with its knots over what was felt; others as they are."""
     effect = hypothesis.effect
     if not isinstance(effect, Learned) or not effect.lag or not effect.knots:
         return hypothesis
     felt = None
     if effect.coordinate in INPUTS:
-        felt = felt_late(effect.coordinate, effect.lag, observations)
+        felt = range_felt_late(effect.coordinate, effect.lag, observations)
     if felt is None:
         return hypothesis
     knots = np.interp(effect.knots, (effect.knots[0], effect.knots[-1]), felt)

@@ -98,7 +98,7 @@ def left_beside(
     }
 
 
-def left_by(
+def left_by_equations(
     equations: NormalEquations,
     basis: Sequence[Array],
     target: Sequence[Array],

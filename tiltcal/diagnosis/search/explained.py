@@ -27,7 +27,8 @@ class Explained:
         slow: variation that is too large to be noise, more probably than not.
         bands: of frequency that hold more than noise; tones: whose frequency moves; both more
             probably than not, and where nothing else was found.
-        varying: noise that follows an angle or a cycle, in the same way.
+        varying: noise that follows an angle or a cycle, almost certainly, where nothing else was
+            found.
         motions: at random, more probably than not, and where nothing else was found.
         doubts: causes that the noise may be instead.
     """

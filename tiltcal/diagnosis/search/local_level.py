@@ -11,7 +11,7 @@ import numpy as np
 from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
-from tiltcal.diagnosis.model.normal_equations import NormalEquations, left_beside, left_by
+from tiltcal.diagnosis.model.normal_equations import NormalEquations, left_beside, left_by_equations
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 
 OCTAVE = 2.0  # from the lowest frequency of a neighbourhood to the highest
@@ -43,7 +43,9 @@ def level_beside(
     """As ``local_level``, from the normal equations of a law with what completes it."""
     if not law.line_hz:
         return 1.0
-    return _level(law, left_by(equations, fitted.basis, fitted.residual, whitened), whitened)
+    return _level(
+        law, left_by_equations(equations, fitted.basis, fitted.residual, whitened), whitened
+    )
 
 
 def _level(law: Hypothesis, left: Columns, whitened: WhitenedModel) -> float:

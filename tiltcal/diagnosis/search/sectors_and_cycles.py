@@ -14,9 +14,9 @@ from tiltcal.diagnosis.search.oscillations import log_excess_of_sums
 from tiltcal.diagnosis.search.spectral_peaks import evenly, running_median
 
 SECTORS = 24  # of a turn
-PARTS = (4, 16)  # of a recording, at least and at most: one for each turn of an axis
+PARTS = (4, 16)  # of a recording, at least and at most: as many as an axis makes turns
 FINER = 2  # frequencies a width of a line
-SLOWEST = 5  # cycles in a recording
+SLOWEST = 12  # cycles in a recording: slower ones look like a level that wanders
 AROUND = 24  # lines that say what is usual about one
 HARMONICS = (1, 2, 4)  # of a cycle, each number as probable as another
 TRIED = 41  # periods near that of a line
@@ -52,8 +52,9 @@ def likeliest_cycle(time: Array, left: Array) -> tuple[float, float]:
 
 
 def parts_agree(left: Array, phase: Array) -> float:
-    """How much parts of a recording agree on where in a turn the noise is large: normal, with unit
-    variance, where they do not; the less, the fewer they are.
+    """How much parts of a recording agree on where in a turn the noise is large: of unit variance,
+    where they do not, and nearly normal where many sectors are visited; the less, the fewer they
+    are.
 
     Args:
         left: of each row, (n,); phase: in turns, (n,).
@@ -105,7 +106,7 @@ def sharpest(time: Array, left: Array, period: float) -> float:
 
 
 def loud_sectors(sums: Array) -> Index:
-    """The sectors in a row, round the turn, whose sum is most beside as many rows elsewhere; their
+    """The sectors in a row, round the turn, half of them at most, whose sum is largest; their
     numbers go on beyond the last. sums: (SECTORS,).
     """
     twice = np.concatenate([[0.0], np.cumsum(np.tile(sums - sums.mean(), 2))])

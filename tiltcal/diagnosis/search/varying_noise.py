@@ -30,11 +30,13 @@ from tiltcal.diagnosis.search.sectors_and_cycles import (
 )
 from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_coordinates import coordinate_of
-from tiltcal.setup.tables import angle_channel
+from tiltcal.recordings.recording import stem
 from tiltcal.statistics.projection import column_space
 
 AFTER = (0.3, 1.0, 3.0, 10.0)  # s, in which the noise may settle after a move
-DEGREE = 5  # of the law by which it may depend on temperature and speed
+DEGREE = 5  # of the law by which it may depend on temperature, speed and its changes
+FEWEST = 256  # rows of a channel, which tell more than what they are regressed on
+VARIES = 1e-6  # of the squares, that no rounding is
 
 
 @dataclass(frozen=True)
@@ -42,24 +44,36 @@ class VaryingNoise:
     """Noise of some channels of a sensor that follows an angle or a cycle.
 
     Args:
-        sensor, axes: whose.
+        sensor, axes: whose; recording: which, in words; None where there is one only.
         follows: the table axis; None for a cycle.
         period: of a cycle, s; 0 for an angle.
-        instead: the table axis that it may follow and not the cycle; None without evidence.
-        low, high: ends of the sector in which the noise is large, deg; 0 for a cycle.
-        times: standard deviation where it is large, by that elsewhere.
-        probability: that something is there.
+        low, high: ends of the sector in which the noise is large, deg, beyond 360 where it holds 0;
+            0 for a cycle.
+        times: standard deviation where it is large, by that elsewhere, each by what the noise of an
+            instrument may depend on.
     """
 
     sensor: str
     axes: tuple[str, ...]
+    recording: str | None
     follows: str | None
     period: float
-    instead: str | None
     low: float
     high: float
     times: float
-    probability: float
+
+    @property
+    def words(self) -> str:
+        """For the notes."""
+        where = f" in {self.recording}" if self.recording else ""
+        if self.follows is None:
+            loud = f"in one part of each cycle of {self.period:.3g} s"
+        else:
+            loud = f"between {self.low:.0f} and {self.high:.0f} deg of the {self.follows} angle"
+        return (
+            f"the noise of {self.sensor} {', '.join(self.axes)}{where} is {self.times:.2f} times as"
+            f" large {loud} as elsewhere"
+        )
 
 
 @dataclass(frozen=True)
@@ -70,7 +84,7 @@ class Squares:
     Args:
         channels: which; time: s, (n,); angles: of the turning axes, rad, (n,).
         left: what the regression leaves, of unit variance, (n,).
-        size: mean of the squares of the residual, (n,).
+        size: squares of the residual, (n,); usual: what the regression says of them, (n,).
     """
 
     channels: tuple[Channel, ...]
@@ -78,14 +92,18 @@ class Squares:
     angles: Mapping[str, Array]
     left: Array
     size: Array
+    usual: Array
 
     @classmethod
     def together(cls, every: Sequence["Squares"]) -> "Squares":
         """Those of channels that were read in the same rows."""
         first, left = every[0], np.sum([one.left for one in every], axis=0)
-        size = np.mean([one.size for one in every], axis=0)
+        size, usual = (
+            np.mean(of, axis=0)
+            for of in zip(*((one.size, one.usual) for one in every), strict=True)
+        )
         channels = tuple(c for one in every for c in one.channels)
-        return cls(channels, first.time, first.angles, left / left.std(), size)
+        return cls(channels, first.time, first.angles, left / left.std(), size, usual)
 
 
 @dataclass(frozen=True)
@@ -124,12 +142,9 @@ def varying_noise(
         return ()
     factors = np.array([one.factor for one in every])
     prior = np.log(EXPECTED_CAUSES * UNLISTED_SHARE / len(every))
-    if (chance := float(expit(logsumexp(factors) + prior))) < least:
+    if float(expit(logsumexp(factors) + prior)) < least:
         return ()
-    best = every[int(np.argmax(factors))]
-    angles = [one for one in every if one.axis is not None and one.factor > 0]
-    instead = max(angles, key=lambda one: one.factor, default=None) if best.axis is None else None
-    return (_told(best, None if instead is None else instead.axis, chance),)
+    return (_told(every[int(np.argmax(factors))], whitened.observations),)
 
 
 def _candidates(
@@ -139,12 +154,12 @@ def _candidates(
     floors: Mapping[str, float],
 ) -> Iterator[Candidate]:
     """Each channel by itself, and those of a sensor together."""
-    groups: dict[tuple[int, str, int], list[Squares]] = {}
+    groups: dict[tuple[int, str, bytes], list[Squares]] = {}
     for k, channel in searched(whitened, floors):
         left = limited(residual[k])
         if (squares := _squares(whitened.observations, k, left, effects)) is not None:
-            rows = len(squares.time)
-            groups.setdefault((channel.recording, channel.sensor, rows), []).append(squares)
+            key = channel.recording, channel.sensor, channel.rows.tobytes()
+            groups.setdefault(key, []).append(squares)
     for group in groups.values():
         alone = group if len(group) == 1 else [*group, Squares.together(group)]
         for squares in alone:
@@ -157,22 +172,26 @@ def _candidates(
 def _squares(
     observations: Observations, k: int, left: Array, effects: Sequence[Effect]
 ) -> Squares | None:
-    """The squares of a channel's residual, (n,); None where they do not vary."""
-    channel = observations.channels[k]
+    """The squares of a channel's residual, (n,); None where they do not vary, or are few beside
+    what they are regressed on.
+    """
+    channel, size = observations.channels[k], left**2
+    if len(left) < FEWEST:
+        return None
     known = column_space(np.column_stack(list(_usual(observations, k, effects))))
-    size = left**2
-    rest = size - known @ (known.T @ size)
-    if not rest.std() > 0:
+    usual = known @ (known.T @ size)
+    rest = size - usual
+    if not rest.std() > VARIES * size.std():
         return None
     course = observations.courses[channel.recording]
     turning = observations.scenario.rig.kind.turning
     angles = {axis: course.angles[axis][channel.rows] for axis in turning}
-    return Squares((channel,), channel.time, angles, rest / rest.std(), size)
+    return Squares((channel,), channel.time, angles, rest / rest.std(), size, usual)
 
 
 def _usual(observations: Observations, k: int, effects: Sequence[Effect]) -> Iterator[Array]:
     """What the noise of an instrument may depend on, (n,) each: motion and rest, time, temperature,
-    what the sensor feels, and how long ago the table moved.
+    speed and how it changes, what the sensor feels, and how long ago the table moved.
     """
     channel = observations.channels[k]
     sense = observations.watches(effects)[channel.recording].sense[channel.sensor]
@@ -184,7 +203,9 @@ def _usual(observations: Observations, k: int, effects: Sequence[Effect]) -> Ite
     since = observations.at_samples(k, coordinate_of("since_move", sense, own))
     yield from ((1 - moving) * np.exp(-since / settled) for settled in AFTER)
     # any smooth law of it: in a cycle of the temperature the noise has its harmonics
-    for course in (sense.temperature, coordinate_of("speed", sense, own)):
+    braking = coordinate_of("braking", sense, own)
+    turns = np.linalg.norm(sense.angular_acceleration, axis=1)
+    for course in (sense.temperature, coordinate_of("speed", sense, own), braking, turns):
         u = observations.at_samples(k, course)
         if (reach := float(np.ptp(u))) > 0:
             yield from legvander(2 * (u - u.min()) / reach - 1, DEGREE).T[1:]
@@ -193,8 +214,8 @@ def _usual(observations: Observations, k: int, effects: Sequence[Effect]) -> Ite
         yield from (u, np.abs(u), u**2)
 
 
-def _told(best: Candidate, instead: str | None, probability: float) -> VaryingNoise:
-    """What is told of a candidate; instead: the axis that it may follow and not a cycle."""
+def _told(best: Candidate, observations: Observations) -> VaryingNoise:
+    """What is told of a candidate."""
     squares = best.squares
     period = 0.0
     if best.axis is None:
@@ -205,16 +226,20 @@ def _told(best: Candidate, instead: str | None, probability: float) -> VaryingNo
     sector = sectors_of(phase)
     inside = loud_sectors(np.asarray(np.bincount(sector, squares.left, SECTORS), float))
     loud = np.isin(sector, inside % SECTORS)
-    times = np.sqrt(squares.size[loud].mean() / squares.size[~loud].mean())
+    high, low = (
+        squares.size[rows].mean() / max(squares.usual[rows].mean(), np.finfo(float).tiny)
+        for rows in (loud, ~loud)
+    )
+    recordings = observations.recordings
+    own = stem(recordings[squares.channels[0].recording].source)
     step = 0.0 if best.axis is None else 360.0 / SECTORS
     return VaryingNoise(
         squares.channels[0].sensor,
         tuple(c.axis for c in squares.channels),
-        None if best.axis is None else angle_channel(best.axis),
+        own if len(recordings) > 1 else None,
+        best.axis,
         period,
-        instead and angle_channel(instead),
         step * inside[0],
         step * (inside[-1] + 1),
-        float(times),
-        probability,
+        float(np.sqrt(high / low)),
     )

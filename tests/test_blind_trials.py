@@ -316,7 +316,8 @@ def most(n, rate):
 PROOF = [
     *(("placing_sweep", t) for t in ("null", "single", "data", "unlisted")),
     *(("vertical_turn", t) for t in ("null", "single")),
-    ("six_faces", "impossible"),
+    *(("six_faces", t) for t in ("null", "impossible")),
+    ("six_any", "impossible"),
 ]
 
 
@@ -335,6 +336,7 @@ def test_a_few_blind_trials_hold_what_is_promised(tmp_path):
     strong = [r for r in results if r["type"] in ("single", "unlisted") and max(r["lambda"]) >= 100]
     assert sum(not r["claims"] for r in strong) <= most(len(strong), 0.02)
     named = [e for r in results if r["type"] in ("single", "data") for e in r["effects"]]
+    assert sum(e["wrong_certain"] for e in named) <= most(len(named), 0.01)
     # of few effects no number is improbable: each answer of any kind is right or wrong
     wrong = [*alarms, *(not r["claims"] for r in strong), *(not e["good"] for e in named)]
     assert sum(wrong) <= most(len(wrong), 0.05) < len(wrong) / 2

@@ -14,7 +14,7 @@ from tiltcal.diagnosis.search.sectors_and_cycles import (
     SIZES,
     likeliest_cycle,
     log_agreement,
-    loud_sectors,
+    noisy_sectors,
     parts_agree,
 )
 from tiltcal.laboratory.scenario import parse_scenario
@@ -26,10 +26,10 @@ TOLD = np.log(DOUBTED / (1 - DOUBTED) / 0.125 * 2)
 TIME = np.arange(6000) / 20.0
 
 
-def test_the_loud_sectors_may_lie_on_both_sides_of_nothing():
+def test_the_noisy_sectors_may_lie_on_both_sides_of_nothing():
     sums = np.full(SECTORS, -1.0)
     sums[[22, 23, 0, 1]] = 5.0
-    assert loud_sectors(sums).tolist() == [22, 23, 24, 25]
+    assert noisy_sectors(sums).tolist() == [22, 23, 24, 25]
 
 
 def notes_of(found) -> list[str]:
@@ -73,7 +73,7 @@ def test_noise_of_any_kind_has_no_cycle(kind, rng):
 
 @pytest.mark.parametrize("kind", ["white", "bursts", "heavy tails"])
 def test_parts_of_noise_agree_by_chance_only(kind, rng):
-    """A burst in one part does not make another one loud. One in a thousand normal scores is beyond
+    """A burst in one part makes no other one noisy. One in a thousand normal scores is beyond
     3.3.
     """
     turn = TIME / 50.0  # six turns
@@ -111,8 +111,8 @@ def test_noise_of_a_sector_is_noted(rng):
     truth = parse_scenario(truth.model_dump(by_alias=True, exclude_none=True) | {"sequence": turns})
     scenario, whole = honest(truth), recorded(truth, 4)
     angle = whole.column("table_outer_deg") % 360
-    loud = np.where((angle > 100) & (angle < 200), 1.8, 1.0)
-    found = diagnose(scenario, [with_noise(whole, loud, rng)])
+    noisy = np.where((angle > 100) & (angle < 200), 1.8, 1.0)
+    found = diagnose(scenario, [with_noise(whole, noisy, rng)])
     assert found.verdict == "match"
     assert "the noise of incl x, y is" in " ".join(notes_of(found))
     assert "deg of the outer angle as elsewhere" in " ".join(notes_of(found))
@@ -121,8 +121,8 @@ def test_noise_of_a_sector_is_noted(rng):
 @pytest.mark.slow
 def test_noise_of_a_cycle_is_noted(turned, rng):
     scenario, whole = turned
-    loud = np.where(whole.time % 9.1 < 3.0, 1.8, 1.0)
-    found = diagnose(scenario, [with_noise(whole, loud, rng)])
+    noisy = np.where(whole.time % 9.1 < 3.0, 1.8, 1.0)
+    found = diagnose(scenario, [with_noise(whole, noisy, rng)])
     assert found.verdict == "match"
     (note,) = notes_of(found)
     period = note.partition("in one part of each cycle of ")[2].split()[0]
@@ -136,12 +136,12 @@ def test_noise_of_motion_and_bursts_is_none(turned, kind, rng):
     angle = whole.column("table_outer_deg")
     moving = np.abs(np.gradient(angle)) > 0.01
     since = whole.time - np.maximum.accumulate(np.where(moving, whole.time, 0.0))
-    loud = {
+    noisy = {
         "moving": np.where(moving, 1.8, 1.0),
         "settling": 1 + 1.5 * np.exp(-since / 0.8),
         "bursts": np.where(np.abs(whole.time[:, None] - [20.0, 77.0, 130.0]).min(1) < 4, 3.0, 1.0),
     }[kind]
-    found = diagnose(scenario, [with_noise(whole, loud, rng)])
+    found = diagnose(scenario, [with_noise(whole, noisy, rng)])
     assert found.verdict == "match", found.statement
     assert not notes_of(found)
 
@@ -157,7 +157,13 @@ def test_noise_of_a_temperature_that_swings_is_no_cycle(rng):
     truth = bench(table="vertical", sensor="incl", swing_degC=3.0, period_s=21.0)
     whole = recorded(truth, 4)
     warm = whole.column("temperature_degC")
-    loud = np.exp(0.3 * (warm - warm.min()))
-    found = diagnose(honest(truth), [with_noise(whole, loud, rng)])
+    noisy = np.exp(0.3 * (warm - warm.min()))
+    found = diagnose(honest(truth), [with_noise(whole, noisy, rng)])
     assert found.verdict == "match", found.statement
     assert not notes_of(found)
+
+
+def test_four_turns_that_agree_score_the_root_of_six():
+    """Six pairs of equal turns: their sum over the root of the sum of their squares."""
+    phase = np.arange(4 * 240) / 240.0
+    assert parts_agree(np.sin(2 * np.pi * phase), phase) == pytest.approx(np.sqrt(6))

@@ -152,8 +152,20 @@ def test_xsens_reaches_the_careful_fit_of_its_turns(xsens):
     assert error({"gyr_gsens"}) > 1.5 * error()
 
 
-def test_an_mpu9150_lacks_cross_axis_terms_and_nothing_else(tmp_path):
-    path = imported("mpu9150/imu0.log", "mpu9150", tmp_path / "run.csv")
+@pytest.mark.parametrize(
+    "unit",
+    [
+        0,
+        pytest.param(
+            1,
+            marks=pytest.mark.xfail(
+                strict=True, reason="a root of the force fits its few poses better"
+            ),
+        ),
+    ],
+)
+def test_an_mpu9150_lacks_cross_axis_terms_and_nothing_else(unit, tmp_path):
+    path = imported(f"mpu9150/imu{unit}.log", "mpu9150", tmp_path / "run.csv")
     found = diagnosed(path, known("mpu9150", tmp_path), tmp_path)
     assert found["verdict"] == "explained"
     assert {f["effect"] for f in found["findings"]} == CROSS_AXIS

@@ -67,7 +67,7 @@ def parts_agree(left: Array, phase: Array) -> float:
         np.bincount(cell, of, parts * SECTORS).reshape(parts, SECTORS)
         for of in (left, np.ones(len(left)))
     )
-    # a part that is louder as a whole says nothing
+    # a part that is noisier as a whole says nothing
     pattern = sums - rows * (sums.sum(axis=1) / np.maximum(rows.sum(axis=1), 1.0))[:, None]
     products = (pattern @ pattern.T)[np.triu_indices(parts, 1)]
     energy = float(products @ products)
@@ -105,7 +105,7 @@ def sharpest(time: Array, left: Array, period: float) -> float:
     return float(max(tried, key=apart))
 
 
-def loud_sectors(sums: Array) -> Index:
+def noisy_sectors(sums: Array) -> Index:
     """The sectors in a row, round the turn, half of them at most, whose sum is largest; their
     numbers go on beyond the last. sums: (SECTORS,).
     """

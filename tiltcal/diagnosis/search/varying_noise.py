@@ -23,7 +23,7 @@ from tiltcal.diagnosis.search.sectors_and_cycles import (
     SECTORS,
     likeliest_cycle,
     log_agreement,
-    loud_sectors,
+    noisy_sectors,
     parts_agree,
     sectors_of,
     sharpest,
@@ -67,12 +67,12 @@ class VaryingNoise:
         """For the notes."""
         where = f" in {self.recording}" if self.recording else ""
         if self.follows is None:
-            loud = f"in one part of each cycle of {self.period:.3g} s"
+            noisy = f"in one part of each cycle of {self.period:.3g} s"
         else:
-            loud = f"between {self.low:.0f} and {self.high:.0f} deg of the {self.follows} angle"
+            noisy = f"between {self.low:.0f} and {self.high:.0f} deg of the {self.follows} angle"
         return (
             f"the noise of {self.sensor} {', '.join(self.axes)}{where} is {self.times:.2f} times as"
-            f" large {loud} as elsewhere"
+            f" large {noisy} as elsewhere"
         )
 
 
@@ -224,11 +224,11 @@ def _told(best: Candidate, observations: Observations) -> VaryingNoise:
     else:
         phase = squares.angles[best.axis] / (2 * np.pi)
     sector = sectors_of(phase)
-    inside = loud_sectors(np.asarray(np.bincount(sector, squares.left, SECTORS), float))
-    loud = np.isin(sector, inside % SECTORS)
+    inside = noisy_sectors(np.asarray(np.bincount(sector, squares.left, SECTORS), float))
+    noisy = np.isin(sector, inside % SECTORS)
     high, low = (
         squares.size[rows].mean() / max(squares.usual[rows].mean(), np.finfo(float).tiny)
-        for rows in (loud, ~loud)
+        for rows in (noisy, ~noisy)
     )
     recordings = observations.recordings
     own = stem(recordings[squares.channels[0].recording].source)

@@ -55,7 +55,13 @@ def test_the_most_probable_noise_beside_a_pure_random_walk_keeps_the_least_white
     n = 2000
     e = rng.normal(size=n) * np.sqrt(WhiteFlickerWalk(0.0, 0.0, 1e-3).spectrum(n))
     fit = NoiseFit.of(e, np.ones(n), WhiteFlickerWalk)
-    found = fit.model.most_probable(fit.bins, lambda model: 1e3 * model.walk)
+
+    def price(model):
+        along = np.array([0.0, 0.0, 0.5])
+        cost = 1e3 * model.walk
+        return cost, cost * along, cost * np.diag(along / 2)
+
+    found = fit.model.most_probable(fit.bins, price)
     assert found.white**2 >= (1 - 1e-9) * LEAST_WHITE * fit.bins.scale
     assert found.white <= 1.1 * fit.model.white
 

@@ -75,6 +75,26 @@ def test_whether_slow_noise_goes_with_the_white_one_is_drawn_once_for_all_axes()
     assert InstrumentPrior((0, 1, 2), (axis,) * 3).price(models) == pytest.approx(np.log(2))
 
 
+@pytest.mark.parametrize("walk", [1e-4, 1e-2, 1.0])
+def test_the_slope_of_the_prior_is_that_of_its_differences(walk):
+    """Of the first of three axes, whose slow noise is below or above the worst grade."""
+    axis = AxisPrior(25.0, SAMPLES, ((0.3, 0.1), (0.02, 0.3)))
+    one = InstrumentPrior((0, 1, 2), (axis,) * 3)
+    others = [WhiteFlickerWalk(1.0, 0.03, 0.01), WhiteFlickerWalk(2.0, 0.01, 0.02)]
+    logs, step = np.log([1.3, 0.05**2, walk**2]), 1e-5
+
+    def price(logs):
+        return one.price([WhiteFlickerWalk(*np.sqrt(np.exp(logs))), *others])
+
+    ends = [(price(logs + e), price(logs - e)) for e in step * np.eye(3)]
+    expected = [(up - down) / (2 * step) for up, down in ends]
+    model = WhiteFlickerWalk(*np.sqrt(np.exp(logs)))
+    cost, slope, curvature = one.expanded([model, *others])
+    assert cost == pytest.approx(price(logs))
+    assert slope == pytest.approx(expected, abs=1e-6)
+    assert np.linalg.eigvalsh(curvature).min() > -1e-12
+
+
 def noise_fits(walks, seed):
     rng, found = rng_of(f"axes {seed}"), []
     for walk in walks:

@@ -25,6 +25,10 @@ CHI2_MEDIAN = 0.4549  # of one degree of freedom
 CONFIDENCE = 3.84  # of deviance: 95 % of chi-square with one degree of freedom
 
 
+Expansion = tuple[float, Array, Array]
+"""A cost, nats, its slope, (p,), and its curvature, (p, p)."""
+
+
 @dataclass(frozen=True)
 class SpectrumBins:
     """Powers of cosine coefficients in bins of frequency.
@@ -84,14 +88,15 @@ class NoiseModel(ABC):
     def most_likely(cls, bins: SpectrumBins) -> Self:
         """The model of the largest Whittle likelihood."""
 
-    def most_probable(self, bins: SpectrumBins, price: Callable[[Self], float]) -> Self:
+    def most_probable(self, bins: SpectrumBins, price: Callable[[Self], Expansion]) -> Self:
         """The model of the largest posterior probability near this most likely one.
 
         Without more knowledge of a model this one.
 
         Args:
             bins: of the spectrum.
-            price: -log prior of a model, nats.
+            price: -log prior of a model, along the logarithms of the variances of white noise,
+                flicker and random walk.
         """
         return self
 

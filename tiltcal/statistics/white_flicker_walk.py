@@ -11,14 +11,18 @@ from typing import Self
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.statistics.noise_spectrum import Amplitude, NoiseModel, SpectrumBins
+from tiltcal.statistics.noise_spectrum import Amplitude, Expansion, NoiseModel, SpectrumBins
 
 SCORINGS = 60  # at most: convergence is quadratic in the end
 CLOSE = 1e-7  # of the deviance, that a further step may bring
 LEAST_WHITE = np.exp(-12.0)  # share of the mean power
 NOTHING = -14.0  # log of a variance, over that which the slowest bin would have from it alone
-SAME, NEAR = 0.05, 1e-3  # logarithm of a variance, and nats, that a simplex has left
-LESS = 1e-2  # of a slow variance, from where a more probable model is looked for too
+NEWTON = 60  # steps at most
+FAR = 2.0  # of the logarithm of a variance, that a step may reach
+NEAR = 1e-3  # nats, that a further step may bring
+FLAT = 1e-2  # nats: the curvature is taken as at least this
+HALVED = 10  # times, until a step lowers the cost
+LESS = np.array([[1.0, 1e-2, 1.0], [1.0, 1.0, 1e-2]])  # of the variances, at further starts
 
 
 @dataclass(frozen=True)
@@ -64,42 +68,24 @@ class WhiteFlickerWalk(NoiseModel):
         starts = np.array([[1.0, 1e-2 * low, 1e-1 * low**2], [1.0, low, 1e-4 * low**2]])
         return cls._at(min((search(bins, s) for s in starts), key=lambda found: found[0])[1], bins)
 
-    def most_probable(self, bins: SpectrumBins, price: Callable[[Self], float]) -> Self:
-        """The model of the largest posterior probability: simplex method in the logarithms of the
-        variances, from where the likelihood is largest with all or little of the slow noise, or
-        with as much as white noise has where it is slowest.
+    def most_probable(self, bins: SpectrumBins, price: Callable[[Self], Expansion]) -> Self:
+        """The model of the largest posterior probability: Newton's method in the logarithms of the
+        variances, from the largest likelihood with all or little of the slow noise, and with as
+        much as white noise has where it is slowest. ``price``: see ``NoiseModel``.
         """
-        from scipy.optimize import minimize
-
-        def variances(logs: Array) -> Array:
-            v = np.exp(logs)
-            v[0] = max(v[0], LEAST_WHITE)
-            return v
-
         shares = _shares(bins)
 
-        def cost(logs: Array) -> float:
-            v = variances(logs)
-            return _deviance(bins, shares @ v) / 2 + price(self._at(v, bins))
+        def expanded(logs: Array) -> Expansion:
+            v = np.exp(logs)
+            return _sum(_expanded(bins, shares * v), price(self._at(v, bins)))
 
         best = np.array([self.white, self.flicker, self.walk]) ** 2 / bins.scale
         slowest = 1 / float(bins.inverse.max())
         nothing = np.exp(NOTHING) * slowest ** np.arange(3)
-        starts = [best]
-        for k in (1, 2):
-            less = best.copy()
-            less[k] *= LESS
-            starts.append(search(bins, less, k)[1])
-        starts.append(np.maximum(best, best[0] * slowest ** np.arange(3)))
-        logs = min((np.log(np.maximum(v, nothing)) for v in starts), key=cost)
-        simplex = np.vstack([logs, logs + np.eye(3)])
-        found = minimize(
-            cost,
-            logs,
-            method="Nelder-Mead",
-            options={"initial_simplex": simplex, "xatol": SAME, "fatol": NEAR},
-        )
-        return self._at(variances(found.x), bins)
+        starts = [best, *(best * less for less in LESS), best[0] * slowest ** np.arange(3)]
+        logs = np.unique(np.log(np.maximum(starts, nothing)), axis=0)
+        descended = [_descended(start, expanded) for start in logs]
+        return self._at(np.exp(min(descended, key=lambda found: found[0])[1]), bins)
 
     def bounds(self, bins: SpectrumBins, drop: float) -> tuple[NoiseModel, NoiseModel]:
         """With as much flicker, and as much random walk, as the deviance allows."""
@@ -138,6 +124,48 @@ def _deviance(bins: SpectrumBins, S: Array) -> float:
 def _shares(bins: SpectrumBins) -> Array:
     """What each of the three variances, at 1, adds to the spectrum of each bin, (m, 3)."""
     return np.column_stack([np.ones_like(bins.inverse), bins.inverse, bins.inverse**2])
+
+
+def _expanded(bins: SpectrumBins, parts: Array) -> Expansion:
+    """Half the deviance, its slope and its curvature along the logarithms of the variances. parts:
+    what each of these adds to the spectrum of each bin, (m, 3).
+    """
+    S = parts.sum(axis=1)
+    share, ratio = parts / S[:, None], bins.power / S
+    slope = 0.5 * (bins.weight - ratio) @ share
+    curvature = 0.5 * share.T @ ((2 * ratio - bins.weight)[:, None] * share)
+    curvature[np.diag_indices(3)] += slope
+    return 0.5 * float(bins.weight @ np.log(S) + ratio.sum()), slope, curvature
+
+
+def _sum(one: Expansion, other: Expansion) -> Expansion:
+    return one[0] + other[0], one[1] + other[1], one[2] + other[2]
+
+
+def _descended(logs: Array, expanded: Callable[[Array], Expansion]) -> tuple[float, Array]:
+    """The smallest cost near a start, and where, (3,).
+
+    By Newton's method with the curvature taken as positive along each of its axes, steps halved
+    until they lower the cost (Nocedal and Wright, Numerical Optimization, 2006, 3.4).
+    """
+    least = np.array([np.log(LEAST_WHITE), -np.inf, -np.inf])
+    logs = np.maximum(logs, least)
+    cost, slope, curvature = expanded(logs)
+    for _ in range(NEWTON):
+        bends, axes = np.linalg.eigh(curvature)
+        step = -axes @ (axes.T @ slope / np.maximum(np.abs(bends), FLAT))
+        step *= min(1.0, FAR / max(float(np.abs(step).max()), NEAR))
+        if -float(slope @ step) < NEAR:
+            break
+        for share in 0.5 ** np.arange(HALVED):
+            there = np.maximum(logs + share * step, least)
+            found = expanded(there)
+            if found[0] < cost:
+                break
+        else:
+            break
+        logs, (cost, slope, curvature) = there, found
+    return cost, logs
 
 
 def search(bins: SpectrumBins, start: Array, fixed: int | None = None) -> tuple[float, Array]:

@@ -10,14 +10,15 @@ sizes of its own differs between instruments: each is as probable as the other.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import exp, log, log1p, sqrt
+from math import exp, log, log1p, sqrt, tanh
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.sensor.noise import largest_slow_noise, worst_grade
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, sines
+from tiltcal.statistics.noise_spectrum import Expansion, NoiseFit, NoiseModel, sines
 
 SPREAD = 2.0
 """Factor of one standard deviation by which slow noise is above that of the worst grade."""
@@ -28,7 +29,9 @@ instrument: so far apart are the published bias instabilities of the axes of 15 
 ROUNDS = 20  # at most, of one axis after the other
 CLOSE = 0.05  # nats, that a further round may bring
 NOTHING = 1e-300  # of a variance
-FASTEST = np.array([2.0])  # s of the highest frequency: all that is left there is white noise
+FASTEST = 2.0  # s of the highest frequency: all that is left there is white noise
+OWN = np.array([[0.0, 0.5, 0.0], [0.0, 0.0, 0.5]])  # log of flicker and walk by log of variances
+WHITE = np.array([0.5, 0.0, 0.0])  # the same of white noise
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ class AxisPrior:
         """
         if self.worst is None:
             return [[0.0, 0.0], [0.0, 0.0]]
-        white = sqrt(float(model.density(FASTEST)[0]) / self.rate_hz)
+        white = sqrt(sum(_of_fastest(model)) / self.rate_hz)
         slow = model.slow_noise(self.rate_hz).tolist()
         beside, size = self.worst
         return [
@@ -73,10 +76,21 @@ class AxisPrior:
         """Logarithm of the rms of the slow noise over all samples, SI: at least what white noise
         leaves of their level.
         """
+        return 0.5 * _log(sum(self._of_level(model)))
+
+    def slopes(self, model: NoiseModel) -> tuple[Array, Array]:
+        """How the level, and the logarithms of what is above the worst grade, change with the
+        logarithms of the variances of white noise, flicker and random walk: (3,) and (2, 2, 3).
+        """
+        level, fastest = (_shares(x) for x in (self._of_level(model), _of_fastest(model)))
+        beside = OWN - fastest / 2
+        return level / 2, np.array([beside, OWN])
+
+    def _of_level(self, model: NoiseModel) -> list[float]:
+        """What white noise, flicker and random walk add to the mean square of slow noise."""
         flicker, walk = model.slow_noise(1.0).tolist()
         of_flicker, of_walk = _variances(self.count)
-        variance = flicker**2 * of_flicker + walk**2 * of_walk + model.white**2 / self.count
-        return 0.5 * _log(variance)
+        return [model.white**2 / self.count, flicker**2 * of_flicker, walk**2 * of_walk]
 
 
 @dataclass(frozen=True)
@@ -92,6 +106,12 @@ class InstrumentPrior:
 
     def price(self, models: Sequence[NoiseModel]) -> float:
         """-log prior of the noise of these axes, nats."""
+        return self.expanded(models)[0]
+
+    def expanded(self, models: Sequence[NoiseModel]) -> Expansion:
+        """The price along the logarithms of the variances of white noise, flicker and random walk
+        of the first axis, the curvature without its negative part.
+        """
         return self._price_of_one(0, models)(models[0])
 
     def cost(self, fits: Sequence[NoiseFit]) -> float:
@@ -118,24 +138,26 @@ class InstrumentPrior:
                 break
         return found
 
-    def _price_of_one(self, k: int, models: Sequence[NoiseModel]) -> Callable[[NoiseModel], float]:
-        """-log prior of the noise of all axes by that of the k-th, nats: of an instrument whose
-        slow noise goes with its white noise, and of one whose does not, mixed by halves.
+    def _price_of_one(self, k: int, models: Sequence[NoiseModel]) -> Callable[..., Expansion]:
+        """-log prior of the noise of all axes by that of the k-th: of an instrument whose slow
+        noise goes with its white noise, and of one whose does not, mixed by halves.
         """
-        own = self.axes[k]
-        pairs = list(zip(self.axes, models, strict=True))
-        levels = [axis.level(m) for axis, m in pairs]
-        white = [_log(m.white) for m in models]
-        others = [axis.above(m) for i, (axis, m) in enumerate(pairs) if i != k]
-        beside, size = (sum(above_price(above[j]) for above in others) for j in (0, 1))
+        own, others = self.axes[k], [i for i in range(len(models)) if i != k]
+        levels = np.array([self.axes[i].level(models[i]) for i in others])
+        apart = np.array([levels - [_log(models[i].white) for i in others], levels])
+        above = [self.axes[i].above(models[i]) for i in others]
+        costs = [sum(above_price(a[j]) for a in above) + _spread(apart[j]) for j in (0, 1)]
+        means = apart.mean(axis=1) if others else np.zeros(2)
+        free = sqrt(1 - 1 / len(models)) / log(ALIKE)
 
-        def price(model: NoiseModel) -> float:
-            levels[k], white[k] = own.level(model), _log(model.white)
-            own_beside, own_size = (above_price(above) for above in own.above(model))
-            return _halves(
-                beside + own_beside + _spread([x - w for x, w in zip(levels, white, strict=True)]),
-                size + own_size + _spread(levels),
-            )
+        def price(model: NoiseModel) -> Expansion:
+            over = np.log(np.maximum(own.above(model), 1.0)) / log(SPREAD)
+            level, by = own.level(model), own.slopes(model)
+            off = free * (np.array([level - _log(model.white), level]) - means)
+            by_over = np.where(over > 0, 1.0, 0.0)[:, :, None] * by[1] / log(SPREAD)
+            by_off = free * np.array([by[0] - WHITE, by[0]])
+            z = np.column_stack([over, off])
+            return _halves(costs, z, np.concatenate([by_over, by_off[:, None]], axis=1))
 
         return price
 
@@ -212,17 +234,36 @@ def _log(size: float) -> float:
     return log(max(size, NOTHING))
 
 
-def _spread(x: Sequence[float]) -> float:
+def _spread(x: Array) -> float:
     """-log prior of how far the slow noise of the axes of an instrument is apart, nats. x: the
     logarithms of their rms, or of that beside the white noise.
     """
-    mean = sum(x) / len(x)
-    return 0.5 * sum((each - mean) ** 2 for each in x) / log(ALIKE) ** 2
+    return 0.5 * float(((x - x.mean()) ** 2).sum()) / log(ALIKE) ** 2 if len(x) else 0.0
 
 
-def _halves(one: float, other: float) -> float:
-    """-log of the mean of two probabilities, given those of each."""
-    return min(one, other) + log(2) - log1p(exp(-abs(one - other)))
+def _halves(costs: Sequence[float], z: Array, slopes: Array) -> Expansion:
+    """-log of the mean of two probabilities, each with a cost of its own and half a sum of squares;
+    the curvature by the slopes of these alone, as in least squares.
+
+    Args:
+        costs: (2,); z: what is squared, (2, m); slopes: of it, (2, m, p).
+    """
+    one, other = np.array(costs) + 0.5 * (z * z).sum(axis=1)
+    cost = min(one, other) + log(2) - log1p(exp(-abs(one - other)))
+    first = 0.5 - 0.5 * tanh((one - other) / 2)
+    shares = np.array([first, 1 - first])[:, None, None]
+    weighed = (shares * slopes).reshape(-1, slopes.shape[2])
+    return float(cost), z.ravel() @ weighed, slopes.reshape(weighed.shape).T @ weighed
+
+
+def _of_fastest(model: NoiseModel) -> list[float]:
+    """What white noise, flicker and random walk add to the density at the highest frequency."""
+    flicker, walk = model.slow_noise(1.0).tolist()
+    return [model.white**2, flicker**2 / FASTEST, (walk / FASTEST) ** 2]
+
+
+def _shares(parts: Sequence[float]) -> Array:
+    return np.array(parts) / max(sum(parts), NOTHING)
 
 
 @lru_cache(maxsize=256)
@@ -232,8 +273,8 @@ def _variances(n: int) -> tuple[float, float]:
     return float((1 / s).sum() / n), float((1 / s**2).sum() / n)
 
 
-def _most_probable(fit: NoiseFit, price: Callable[[NoiseModel], float]) -> NoiseFit:
+def _most_probable(fit: NoiseFit, price: Callable[..., Expansion]) -> NoiseFit:
     """A fit at its most probable model; itself where its prior says nothing."""
-    if not len(fit.bins.weight) or not price(fit.model) > 0:
+    if not len(fit.bins.weight) or not price(fit.model)[0] > 0:
         return fit
     return NoiseFit(fit.model.most_probable(fit.bins, price), fit.bins)

@@ -131,13 +131,11 @@ def test_blocks_of_factors_weigh_as_blocks_of_columns(observations, vectors, whi
         size = np.abs(U).max() * np.sqrt(n)
         np.testing.assert_allclose(block.along(Weighed(waves)), U @ waves, atol=1e-4 * size)
         np.testing.assert_allclose(block.waves_of(slice(3, 9)), U[3:9], atol=1e-5 * size)
-        single, several = block.energies(weight)
-        assert not single.any()
-        for k, (owner, numbers, gram) in enumerate(several):
+        ((numbers, grams),) = block.grams(weight)
+        for k, (own, gram) in enumerate(zip(numbers, grams, strict=True)):
             mine = U[36 * k : 36 * k + 36] * weight
-            assert numbers.tolist() == list(
-                range(columns.starts[owner], columns.starts[owner] + 36)
-            )
+            first = columns.starts[block.owners[36 * k]]
+            assert own.tolist() == list(range(first, first + 36))
             np.testing.assert_allclose(gram, mine @ mine.T, atol=1e-4 * np.abs(gram).max())
 
 

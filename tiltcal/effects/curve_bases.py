@@ -13,14 +13,16 @@ PARABOLA = 3  # knots of a law that goes on as it is
 def harmonics_of(u: Array, order: int, count: int, pace: float) -> Array:
     """cos(pace u), sin(pace u), cos(2 pace u), ..., or a derivative, (n, count)."""
     turn = np.exp(1j * pace * u)
-    wave = np.ones_like(turn)
-    columns = np.empty((len(u), count))
+    wave, columns = np.ones_like(turn), np.empty((count, len(u)))
     for k in range(count):
         if k % 2 == 0:
             wave = wave * turn
-        slope = (1j * (k // 2 + 1) * pace) ** order * (1 if k % 2 == 0 else -1j)
-        columns[:, k] = (slope * wave).real
-    return columns
+        # the real part of i^quarters times the wave; a sine is a quarter turn behind
+        quarters = (order - k % 2) % 4
+        part = wave.real if quarters % 2 == 0 else wave.imag
+        size = float((k // 2 + 1) * pace) ** order
+        np.multiply(part, -size if quarters in (1, 2) else size, out=columns[k])
+    return columns.T
 
 
 def spline_of(

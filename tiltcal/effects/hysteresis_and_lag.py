@@ -120,12 +120,23 @@ def first_order_lag(time: Array, u: Array, tau: float) -> Array:
     """
     if tau <= 0 or len(u) < 2:
         return u
+    return _lagged(np.asarray(time, float).tobytes(), np.asarray(u, float).tobytes(), tau)
+
+
+@lru_cache(maxsize=24)
+def _lagged(times: bytes, values: bytes, tau: float) -> Array:
+    """``first_order_lag`` of the contents of arrays: many curves follow one late coordinate; not to
+    be written to.
+    """
+    time, u = np.frombuffer(times), np.frombuffer(values)
     dt = np.diff(time)
     decay = np.exp(-dt / tau)
     slope = np.diff(u) / dt
     # y1 = decay y0 + (u1 - slope tau) - decay (u0 - slope tau)
     drive = np.concatenate([u[:1], (u[1:] - slope * tau) - decay * (u[:-1] - slope * tau)])
-    return recursion(decay, drive)
+    late = recursion(decay, drive)
+    late.flags.writeable = False
+    return late
 
 
 def smooth_lag(time: Array, u: Array, tau: float) -> Array:

@@ -98,7 +98,7 @@ class Replay:
         found, read = {}, self._read
         for name, angle in self.angles.items():
             # counted the other way it has the same rates, turned
-            sign = -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0
+            sign = _sign(angle)
             told = _differentiated(self.time[read].tobytes(), (sign * angle[read]).tobytes())
             rates = Rates(*np.zeros((4, len(angle))))
             if not read.all():
@@ -145,7 +145,9 @@ def numbered_stops(time: Array, angles: dict[str, Array]) -> Index:
     """Number of the stop of each row of a readout (rad, (n,) each), -1 while moving, (n,)."""
     resting, parted = np.ones(len(time), bool), NOWHERE
     if angles:
-        resting, parted = at_rest(time, np.column_stack(list(angles.values())))
+        # counted the other way it rests at the same rows
+        each = np.column_stack([_sign(angle) * angle for angle in angles.values()])
+        resting, parted = _rests(time.tobytes(), each.tobytes(), len(angles))
     begins = np.diff(resting.astype(int), prepend=0) == 1
     begins[parted] = resting[parted]
     starts = np.flatnonzero(begins)
@@ -264,6 +266,17 @@ def _as_usual(told: Array, rough: Array) -> Array:
     return np.where(there, told, rough + usual)
 
 
+def _sign(angle: Array) -> float:
+    """Of the largest of these angles, (n,)."""
+    return -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0
+
+
+@lru_cache(maxsize=24)
+def _rests(time: bytes, angles: bytes, axes: int) -> tuple[Mask, Index]:
+    """``at_rest`` of the contents of arrays."""
+    return at_rest(np.frombuffer(time), np.frombuffer(angles).reshape(-1, axes))
+
+
 @lru_cache(maxsize=24)
 def _edges(time: bytes, angle: bytes) -> tuple[Array, Array]:
     """When an axis left a rest and when it came to one, s, of the contents of arrays."""
@@ -293,5 +306,6 @@ def _differentiated(time: bytes, angle: bytes) -> Rates:
 
 def forget_replays() -> None:
     """Free what is kept of the readouts that were replayed last."""
+    _rests.cache_clear()
     _edges.cache_clear()
     _differentiated.cache_clear()

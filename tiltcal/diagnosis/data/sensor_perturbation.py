@@ -118,19 +118,18 @@ class HandheldMotion:
         count = np.bincount(stop[resting], minlength=int(stop.max(initial=-1)) + 1)
         self._rested, self._count = resting, count
         self.mean = self.dwell_means(force[:, :, None])[:, :, 0]
-        self._senses: dict[str, tuple[Sense, Sense, Index]] = {}
+        self._senses: dict[str, tuple[Sense, Sense, Index, Index]] = {}
         self._starts: dict[tuple[str, int], tuple[Array, Array]] = {}
 
     def push(self, effect: SignalEffect, names: Sequence[str]) -> SensorPerturbation:
         """What these sizes of an effect, each alone at its value, add to its sensor's reading."""
         sensor = self.scenario.named(str(effect.sensor))
-        felt, still, at = self._sensed(sensor)
+        felt, still, rows, at = self._sensed(sensor)
         starts = self._start(sensor, effect.order)
         sides = [
             _added(effect, names, sense, start)
             for sense, start in zip((felt, still), starts, strict=True)
         ]
-        rows = self.recording.sensor(sensor).rows
         return SensorPerturbation(self, sensor, self._everywhere(sides[0], rows), sides[1], at)
 
     def _everywhere(self, values: Array, rows: Index) -> Array:
@@ -147,8 +146,8 @@ class HandheldMotion:
             values[k - 1] * (1 - share) + values[np.minimum(k, len(rows) - 1)] * share
         )
 
-    def _sensed(self, sensor: Sensor) -> tuple[Sense, Sense, Index]:
-        """What a sensor senses along the motion and in the rests, and the rows of the latter."""
+    def _sensed(self, sensor: Sensor) -> tuple[Sense, Sense, Index, Index]:
+        """What a sensor senses along the motion and in the rests, and the rows of both."""
         if sensor.name not in self._senses:
             rows = self.recording.sensor(sensor).rows
             force, rate = np.where(np.isnan(self.force), 0.0, self.force), self.rate
@@ -171,7 +170,7 @@ class HandheldMotion:
             still = sense_of(
                 sensor, self.scenario, self.recording, mean[at], np.zeros((len(at), 3)), rows=at
             )
-            self._senses[sensor.name] = felt, still, at
+            self._senses[sensor.name] = felt, still, rows, at
         return self._senses[sensor.name]
 
     def _start(self, sensor: Sensor, order: int) -> tuple[Array, Array]:
@@ -181,7 +180,7 @@ class HandheldMotion:
             earlier_ones = [
                 e for e in self.effects if isinstance(e, SignalEffect) and e.order < order
             ]
-            felt, still, _ = self._sensed(sensor)
+            felt, still, *_ = self._sensed(sensor)
             self._starts[key] = (
                 forward(sensor, earlier_ones, felt),
                 forward(sensor, earlier_ones, still),

@@ -8,18 +8,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from tiltcal.core.arrays import Index, Single
 from tiltcal.statistics.cosine_transform import cosines, inverse_cosines
 
 Waves = Single
-Energies = tuple[npt.NDArray[np.float64], list[tuple[int, Index, Waves]]]
-"""Of each column alone, (used,), 0 where its hypothesis has several here; of these the owner, the
-numbers and the products.
+Grams = list[tuple[Index, Waves]]
+"""Of hypotheses with m columns each: the numbers of these, (g, m), and their inner products,
+(g, m, m).
 """
 TRANSFORMED = 32  # columns at once
-AT_ONCE = 4  # columns that are squared and weighed while they are at hand
+AT_HAND = 2**17  # coefficients that are weighed and multiplied at once
 
 
 @dataclass(frozen=True)
@@ -102,20 +101,18 @@ class ColumnBlock:
         """Inner products of the columns with weighed vectors, (used, q)."""
         return self.waves @ vectors.waves
 
-    def energies(self, weight: Waves) -> Energies:
-        """What the columns hold. weight: of each coefficient, (n,)."""
+    def grams(self, weight: Waves) -> Grams:
+        """Inner products of the columns of each hypothesis. weight: of each coefficient, (n,)."""
         starts = np.flatnonzero(np.diff(self.owners[: self.used], prepend=-1))
         counts = np.diff(starts, append=self.used)
-        single = np.zeros(self.used)
-        waves, power = self.waves, weight * weight
-        room = np.empty((max(AT_ONCE, int(counts.max(initial=0))), len(weight)), np.float32)
-        for first in range(0, self.used, AT_ONCE):
-            part = waves[first : first + AT_ONCE]
-            single[first : first + AT_ONCE] = np.square(part, out=room[: len(part)]) @ power
-        several = []
-        for start, count in zip(starts[counts > 1], counts[counts > 1], strict=True):
-            rows = slice(start, start + count)
-            part = np.multiply(waves[rows], weight, out=room[:count])
-            single[rows] = 0.0
-            several.append((int(self.owners[start]), self.numbers[rows], part @ part.T))
-        return single, several
+        waves, found = self.waves, []
+        for m in np.unique(counts):
+            rows = starts[counts == m][:, None] + np.arange(m)
+            gram = np.empty((len(rows), m, m), np.float32)
+            step = max(1, AT_HAND // (int(m) * len(weight)))
+            for first in range(0, len(rows), step):
+                part = waves[rows[first : first + step]]
+                part *= weight
+                np.matmul(part, part.transpose(0, 2, 1), out=gram[first : first + step])
+            found.append((self.numbers[rows], gram))
+        return found

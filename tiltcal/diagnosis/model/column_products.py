@@ -12,6 +12,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Single
 from tiltcal.diagnosis.model.fitted_model import FittedModel, Vector
+from tiltcal.diagnosis.model.inner_products import InnerProducts
 from tiltcal.diagnosis.model.normal_equations import NormalEquations, gram_of, projected_equations
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.statistics.projection import inverse_root
@@ -36,8 +37,8 @@ class ColumnProducts:
         self._known: dict[tuple[int, object], tuple[object, Single]] = {}
 
     @cached_property
-    def own(self) -> dict[int, Array]:
-        """Inner products of the columns of each hypothesis, by its number. (m, m) each."""
+    def own(self) -> InnerProducts:
+        """Inner products of the columns of each hypothesis."""
         return self._whitened.inner_products(self._blocks)
 
     def prepare(self, models: Iterable[FittedModel]) -> None:

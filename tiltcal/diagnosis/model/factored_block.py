@@ -11,7 +11,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Index
 from tiltcal.diagnosis.data.curve_factors import CurveFactors, SharedCurve
-from tiltcal.diagnosis.model.column_block import Energies, Waves, Weighed
+from tiltcal.diagnosis.model.column_block import Grams, Waves, Weighed
 from tiltcal.statistics.cosine_transform import cosines
 
 FEW = 8  # vectors that are multiplied with the answers of all places at once
@@ -87,13 +87,13 @@ class FactoredBlock:
                 total[:, np.repeat(some, q)] += part @ turned
         return total.reshape(self.count, -1, q).transpose(1, 0, 2).reshape(-1, q)
 
-    def energies(self, weight: Waves) -> Energies:
-        """What the columns hold. weight: of each coefficient, (n,)."""
+    def grams(self, weight: Waves) -> Grams:
+        """Inner products of the columns at each place. weight: of each coefficient, (n,)."""
         white = bool((weight == weight[0]).all())
-        several = []
-        for place, owner, first in zip(self.places, self.hypotheses, self.first, strict=True):
+        gram = np.empty((len(self.places), self.count, self.count), np.float32)
+        for place, own in zip(self.places, gram, strict=True):
             # of white noise the inner products are those in time
             part = place.columns() if white else cosines(place.columns())
-            part = part * weight
-            several.append((owner, first + np.arange(self.count), part @ part.T))
-        return np.zeros(self.used), several
+            part *= weight
+            np.matmul(part, part.T, out=own)
+        return [(self.numbers.reshape(-1, self.count), gram)]

@@ -12,6 +12,7 @@ from tiltcal.diagnosis.model.column_block import Weighed
 from tiltcal.diagnosis.model.column_store import Block
 from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.inner_products import InnerProducts
 from tiltcal.diagnosis.model.score_test import ScoreTest
 from tiltcal.effects.base import Effect
 from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
@@ -120,7 +121,7 @@ class WhitenedModel:
         for k in np.flatnonzero(asked):
             hypothesis, start = self.hypotheses[k], self.columns.starts[k]
             part = slice(start, start + len(hypothesis.names))
-            inner = own.get(int(k), np.zeros((len(hypothesis.names),) * 2))
+            inner = own.of(np.array([k]))[0]
             B = inner - UQ[part] @ UQ[part].T
             found.append(ScoreTest(hypothesis, A[part], B, np.diag(inner).copy()))
         return found
@@ -139,23 +140,11 @@ class WhitenedModel:
             total[index] += block.along(weighed[block.channel])
         return total
 
-    def inner_products(self, blocks: Sequence[Block]) -> dict[int, Array]:
-        """U'U of each hypothesis with a column in some blocks, by its number. (m, m) each."""
+    def inner_products(self, blocks: Sequence[Block]) -> "InnerProducts":
+        """U'U of each hypothesis with a column in some blocks; nothing of the others."""
         weights = [(1 / root).astype(np.float32) for root in self.roots]
-        energies = np.zeros(self.columns.width)
-        owners: set[int] = set()
-        grams = []
+        found = InnerProducts([len(h.names) for h in self.hypotheses])
         for block in blocks:
-            single, several = block.energies(weights[block.channel])
-            energies[block.numbers[: block.used]] += single
-            owners.update(block.owners[: block.used].tolist())
-            grams += several
-        starts = self.columns.starts
-        found = {
-            k: np.diag(energies[starts[k] : starts[k] + len(self.hypotheses[k].names)])
-            for k in owners
-        }
-        for k, numbers, gram in grams:
-            place = numbers - starts[k]
-            found[k][np.ix_(place, place)] += gram
+            for numbers, gram in block.grams(weights[block.channel]):
+                found.add(numbers, gram)
         return found

@@ -67,9 +67,8 @@ class Scan:
         """
         starts, groups = np.array(self._whitened.columns.starts, int), []
         for which in self._alike:
-            m = len(self._whitened.hypotheses[which[0]].names)
-            zero = np.zeros((m, m))
-            gram = np.array([self.products.own.get(int(k), zero) for k in which])
+            gram = self.products.own.of(which)
+            m = gram.shape[1]
             raw = lengths(np.einsum("gii->gi", gram))
             groups.append((which, starts[which][:, None] + np.arange(m), gram, raw))
         return groups

@@ -134,16 +134,32 @@ def with_new(state: State, proposal: Proposal) -> State:
 
 
 def _with_part(state: State, k: int, proposal: Proposal) -> State:
-    """A state whose k-th cause has a further shape: one of all that it may have."""
-    fitted, new = state.fitted, proposal.explanation
-    law, end = laws(fitted)[k], fitted.findings()[k][-1] + 1
-    parts = tuple(replace(t, host=law) for t in new.terms)
-    terms = (*fitted.terms[:end], *parts, *fitted.terms[end:])
+    """A state whose k-th cause has a further shape, one of all that it may have, or further sizes
+    at a shape that it has.
+    """
+    fitted, law = state.fitted, laws(state.fitted)[k]
+    places = fitted.findings()[k]
+    own = [fitted.terms[i] for i in places]
+    for new in proposal.explanation.terms:
+        same = [i for i, t in enumerate(own) if t.hypothesis == new.hypothesis]
+        if same:
+            own[same[0]] = _with_sizes(own[same[0]], new)
+        else:
+            own.append(replace(new, host=law))
+    terms = (*fitted.terms[: places[0]], *own, *fitted.terms[places[-1] + 1 :])
     shapes = (h for h in state.whitened.hypotheses if h is not law and one_cause(h, law))
     tried = max(state.causes[k].tried, sum(len(h.names) for h in shapes))
     causes = [replace(c, tried=tried) if i == k else c for i, c in enumerate(state.causes)]
     fitted = refit_linearly(fitted, terms, state.whitened)
     return _priced(replace(state, fitted=fitted, causes=tuple(causes)))
+
+
+def _with_sizes(term: FittedTerm, new: FittedTerm) -> FittedTerm:
+    """A term with those of another as well."""
+    sizes = dict(zip(term.names, term.values, strict=True))
+    for name, value in zip(new.names, new.values, strict=True):
+        sizes[name] = sizes.get(name, 0.0) + value
+    return replace(term, names=tuple(sorted(sizes)), values=tuple(sizes[n] for n in sorted(sizes)))
 
 
 def with_cause(state: State, k: int, proposal: Proposal) -> State:

@@ -142,8 +142,10 @@ def _place(hypothesis: Hypothesis) -> object:
 
 
 def improved(state: State) -> State:
-    """Causes exchanged, merged, split and added under one noise, until nothing lowers the cost."""
-    scan, newest = Scan(state.whitened), -1
+    """Causes exchanged, merged, split and added under one noise, until nothing lowers the cost, or
+    it comes back to causes that it had.
+    """
+    scan, newest, visited = Scan(state.whitened), -1, list[list[object]]()
     while True:
         state = _each_exchanged(state, newest, scan)
         count = len(state.fitted.findings())
@@ -151,6 +153,9 @@ def improved(state: State) -> State:
         if more is not None and (kept := _cheaper(more, state)) is not state:
             newest, state = count, kept
             continue
+        if (names := _names(state)) in visited:
+            return state
+        visited.append(names)
         if (other := _merged(state, scan)) is state:
             other = _split(_all_reshaped(state), scan)
         if not other.cost < state.cost - SETTLED:

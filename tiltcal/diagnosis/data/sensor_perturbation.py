@@ -8,6 +8,7 @@ and every channel responds linearly.
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from tiltcal.laboratory.handheld import earlier, forward, sense_of
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 class SensorPerturbation:
@@ -42,7 +46,7 @@ class SensorPerturbation:
     def motion(self) -> Array:
         """Change of the force or rate that a triad says, (n, 3, p)."""
         inverse = np.linalg.pinv(self.hand.matrices[self.sensor.name])
-        return np.asarray(-np.einsum("ij,njp->nip", inverse, self.felt))
+        return np.asarray(-inverse @ self.felt)
 
     @cached_property
     def resting(self) -> Array:
@@ -56,9 +60,7 @@ class SensorPerturbation:
         lateral = hand.scenario.site.gravity * (
             moved - up * (up * moved).sum(axis=1, keepdims=True)
         )
-        return np.asarray(
-            self.still + np.einsum("ij,njp->nip", hand.matrices[self.sensor.name], lateral)
-        )
+        return np.asarray(self.still + hand.matrices[self.sensor.name] @ lateral)
 
     @cached_property
     def turns(self) -> Array:
@@ -120,6 +122,7 @@ class HandheldMotion:
         self.mean = self.dwell_means(force[:, :, None])[:, :, 0]
         self._senses: dict[str, tuple[Sense, Sense, Index, Index]] = {}
         self._starts: dict[tuple[str, int], tuple[Array, Array]] = {}
+        self._between: dict[str, "csr_array"] = {}
 
     def push(self, effect: SignalEffect, names: Sequence[str]) -> SensorPerturbation:
         """What these sizes of an effect, each alone at its value, add to its sensor's reading."""
@@ -130,21 +133,16 @@ class HandheldMotion:
             _added(effect, names, sense, start)
             for sense, start in zip((felt, still), starts, strict=True)
         ]
-        return SensorPerturbation(self, sensor, self._everywhere(sides[0], rows), sides[1], at)
+        return SensorPerturbation(self, sensor, self._everywhere(sensor, sides[0], rows), sides[1], at)
 
-    def _everywhere(self, values: Array, rows: Index) -> Array:
+    def _everywhere(self, sensor: Sensor, values: Array, rows: Index) -> Array:
         """Values at a sensor's rows interpolated to all, (n, k, p)."""
         if len(rows) == len(self.recording):
             return values
-        time = self.recording.time
-        k = np.clip(np.searchsorted(rows, np.arange(len(time))), 1, max(len(rows) - 1, 1))
-        left, right = rows[k - 1], rows[np.minimum(k, len(rows) - 1)]
-        share = np.clip((time - time[left]) / np.maximum(time[right] - time[left], 1e-300), 0, 1)[
-            :, None, None
-        ]
-        return np.asarray(
-            values[k - 1] * (1 - share) + values[np.minimum(k, len(rows) - 1)] * share
-        )
+        if sensor.name not in self._between:
+            self._between[sensor.name] = between(self.recording.time, rows)
+        flat = self._between[sensor.name] @ values.reshape(len(rows), -1)
+        return np.asarray(flat).reshape(-1, *values.shape[1:])
 
     def _sensed(self, sensor: Sensor) -> tuple[Sense, Sense, Index, Index]:
         """What a sensor senses along the motion and in the rests, and the rows of both."""
@@ -206,6 +204,21 @@ class HandheldMotion:
             there = (self.stop >= 0) & (self._count[np.maximum(self.stop, 0)] > 0)
             found[there] = means[place[self.stop[there]]]
         return found
+
+
+def between(time: Array, rows: Index) -> "csr_array":
+    """What takes values at some rows to all, linearly between them and held beyond, (n, m). time:
+    s, (n,); rows: increasing, (m,).
+    """
+    from scipy.sparse import csr_array
+
+    n = len(time)
+    after = np.clip(np.searchsorted(rows, np.arange(n)), 1, max(len(rows) - 1, 1))
+    sides = np.stack([after - 1, np.minimum(after, len(rows) - 1)], axis=1)
+    left, right = time[rows[sides]].T
+    share = np.clip((time - left) / np.maximum(right - left, 1e-300), 0, 1)
+    shares = np.stack([1 - share, share], axis=1)
+    return csr_array((shares.ravel(), sides.ravel(), 2 * np.arange(n + 1)), (n, len(rows)))
 
 
 def _added(effect: SignalEffect, names: Sequence[str], sense: Sense, start: Array) -> Array:

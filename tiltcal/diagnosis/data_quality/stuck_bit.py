@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.core.arrays import Array, Index, Mask, Single
 from tiltcal.core.quantisation import code_width
 from tiltcal.diagnosis.data.channels import CHANCE, at_least, changed, column_values, written
 from tiltcal.diagnosis.data.observations import Observations
@@ -58,31 +58,42 @@ def _never_set(values: Array, sign: Array) -> float | None:
     cell = max(width, FINEST * span / IN_A_BIT)
     if len(values) < LEAST or width == 0 or span < 2 * CYCLES * IN_A_BIT * cell:
         return None
-    place = ((values - values.min()) / cell).astype(np.intp)
-    taken = np.zeros(int(place.max()) + 1, np.float32)
-    taken[place] = 1.0  # each value once: rests say no more than moves
+    taken = _taken(values, cell)
     n = next_fast_len(4 * len(taken), real=True)
+    grid = 1 / (2 * n * cell)  # of the frequencies
     coarsest, finest = CYCLES / span, 1 / (2 * max(IN_A_BIT * cell, CODES * width))
-    first = int(np.ceil(coarsest * n * cell))
-    waves, enough = (
-        rfft(taken, n)[first : min(int(finest * n * cell), n // 2) + 1],
-        LIKE_HALF * float(taken.sum(dtype=float)),
-    )
+    first, last = int(np.ceil(coarsest / grid)), min(int(finest / grid), n // 2)
+    # what the sharing takes off
+    kept = (1 + np.cos(2 * np.pi * grid * cell * np.arange(first, last + 1, dtype=np.float32))) / 2
+    waves, enough = rfft(taken, n)[first : last + 1] / kept, LIKE_HALF * float(taken.sum())
     tried = len(waves)
     strong = np.flatnonzero(waves.real**2 + waves.imag**2 >= enough**2)
-    frequency = (first + strong) / (n * cell)  # 1 / (2 bit)
+    frequency = grid * (first + strong)  # 1 / (2 bit)
     alike = -(waves[strong] * np.exp(-2j * np.pi * frequency * (values.min() + cell / 2))).imag
     for k in np.argsort(alike)[::-1][:TRIES]:
         if alike[k] < enough:
             break
-        best = _least_set(values, float(frequency[k]), 1 / (n * cell), width)
-        if _bunched(values, best, 1 / (n * cell)):
+        best = _least_set(values, float(frequency[k]), grid, width)
+        if _bunched(values, best, grid):
             continue
         cycle = sign * (np.floor(values * best) + 1)
         visited, odd = len(np.unique(cycle)), len(np.unique(cycle[_set(values, best, width)]))
         if at_least(visited - odd, visited, 0.5) * tried < CHANCE:
             return float(1 / (2 * best))
     return None
+
+
+def _taken(values: Array, cell: float) -> Single:
+    """How many cells of a histogram are taken, in pairs of cells: those between two pairs are
+    shared by them.
+    """
+    place = ((values - values.min()) / cell).astype(np.intp)
+    taken = np.zeros(2 * (int(place.max()) // 2) + 3, np.float32)
+    taken[place] = 1.0  # each value once: rests say no more than moves
+    shared = taken[::2].copy()
+    shared[:-1] += taken[1::2] / 2
+    shared[1:] += taken[1::2] / 2
+    return shared
 
 
 def _bunched(values: Array, frequency: float, reach: float) -> bool:

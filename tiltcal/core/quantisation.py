@@ -25,8 +25,6 @@ def code_grid(column: Array) -> float | None:
     """
     steps = np.abs(np.diff(column))
     steps = steps[steps > 0]
-    if len(np.unique(steps)) < LEAST and len(np.unique(column)) > 2 * LEAST:
-        return None  # a computed course repeats its few steps
     if len(steps) < 8:
         return None
     width = float(steps.min())
@@ -35,4 +33,7 @@ def code_grid(column: Array) -> float | None:
         counts = np.rint(near / width)
         width = float(near @ counts / (counts @ counts))
     off = np.abs(steps / width - np.rint(steps / width))
-    return width if float(off.max()) < 0.03 else None  # without a grid it is up to a half
+    if float(off.max()) >= 0.03:  # without a grid it is up to a half
+        return None
+    computed = len(np.unique(steps)) < LEAST and len(np.unique(column)) > 2 * LEAST
+    return None if computed else width  # a computed course repeats its few steps

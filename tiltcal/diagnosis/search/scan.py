@@ -1,16 +1,36 @@
 """The evidence for every hypothesis in what a fitted model leaves, in one pass over the columns."""
 
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.model.column_products import ColumnProducts
 from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.score_test import SURVIVES, lengths
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, any_of, log_bayes_factor
 from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, log_priors
+
+
+Kinds = tuple[Array, Mask, list[Index]]
+_KEPT: "WeakKeyDictionary[HypothesisColumns, Kinds]" = WeakKeyDictionary()
+
+
+def _of(columns: HypothesisColumns) -> Kinds:
+    """Prior odds of each hypothesis, whether it has no plausible size, and the numbers of those
+    with as many columns: under any noise the same.
+    """
+    known = _KEPT.get(columns)
+    if known is None or len(known[0]) < len(columns.hypotheses):
+        log_odds = log_priors(columns.hypotheses) + np.log(EXPECTED_CAUSES)
+        unsized = np.array([not h.has_plausible_size for h in columns.hypotheses], bool)
+        counts = np.array([len(h.names) for h in columns.hypotheses], int)
+        alike = [np.flatnonzero(counts == m) for m in np.unique(counts)]
+        known = _KEPT[columns] = log_odds, unsized, alike
+    return known
 
 
 def _turned(grams: Array) -> tuple[Array, Array]:
@@ -34,11 +54,8 @@ class Scan:
 
     def __init__(self, whitened: WhitenedModel) -> None:
         self._whitened = whitened
-        self.log_odds = log_priors(whitened.hypotheses) + np.log(EXPECTED_CAUSES)
+        self.log_odds, self._unsized, self._alike = _of(whitened.columns)
         self.products = ColumnProducts(whitened)
-        self._unsized = np.array([not h.has_plausible_size for h in whitened.hypotheses], bool)
-        counts = np.array([len(h.names) for h in whitened.hypotheses], int)
-        self._alike = [np.flatnonzero(counts == m) for m in np.unique(counts)]
 
     def log_bayes_factors(self, fitted: FittedModel, coarse: Array | float = 1.0) -> Array:
         """Of each hypothesis at every size in what a model leaves, against nothing, where the

@@ -26,6 +26,7 @@ class CurveColumns:
     def __init__(self, channels: Sequence[Channel], samplings: Sequence[Sampling]) -> None:
         self._channels, self._samplings = channels, samplings
         self._shared: dict[tuple[object, ...], SharedCurve] = {}
+        self._last: dict[int, tuple[Jet, object, list[Array]]] = {}
 
     def columns(
         self, effect: Learned, names: Sequence[str], watches: Sequence[NominalMotion]
@@ -43,17 +44,33 @@ class CurveColumns:
         sizes = np.array([effect.values[name] for name in names])
         found: dict[int, tuple[list[int], Array]] = {}
         for number, watch in enumerate(watches):
-            parts = [part[:, which] * sizes for part in _parts(watch.curve(effect))]
+            parts = self._parts_of(number, watch, effect, which, sizes)
             for i, answers in self._answered(number, watch.answers(effect), len(parts)):
-                total = np.zeros_like(parts[0])
-                for answer, part in zip(answers, parts, strict=True):
-                    if answer is not None:
-                        total += answer[:, None] * part
-                block = self._samplings[i].of(total).T
+                pairs = zip(answers, parts, strict=True)
+                total = sum((a * part for a, part in pairs if a is not None), np.zeros(1))
+                block = self._samplings[i].of(total.T).T
                 some = np.flatnonzero(block.any(axis=1))
                 if len(some):
-                    found[i] = ([int(k) for k in some], block[some])
+                    found[i] = (some.tolist(), block if len(some) == len(block) else block[some])
         return found
+
+    def _parts_of(
+        self,
+        recording: int,
+        watch: NominalMotion,
+        effect: Learned,
+        which: Sequence[int],
+        sizes: Array,
+    ) -> list[Array]:
+        """Value, rate and acceleration of a curve by some coefficients at their sizes, (p, m) each:
+        the next is often the same in another place.
+        """
+        curve = watch.curve(effect)
+        last, key = self._last.get(recording), (tuple(which), tuple(sizes))
+        if last is None or last[0] is not curve or last[1] != key:
+            parts = [np.ascontiguousarray(part.T[which]) * sizes[:, None] for part in _parts(curve)]
+            last = self._last[recording] = curve, key, parts
+        return last[2]
 
     def factors(self, effect: Learned, watches: Sequence[NominalMotion]) -> dict[int, CurveFactors]:
         """Change of each channel by each coefficient of a product of two angles, by channel, its

@@ -15,6 +15,7 @@ from tiltcal.diagnosis.model.column_products import ColumnProducts
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
+from tiltcal.diagnosis.search import model_search
 from tiltcal.diagnosis.search.claimed_causes import (
     CLAIM,
     _without,
@@ -215,6 +216,46 @@ def test_a_curve_is_exchanged_for_one_over_another_coordinate():
     other = _exchanged(state, [0], Scan(whitened))
     assert other.cost < state.cost
     assert laws(other.fitted) == [warm]
+
+
+def test_further_sizes_of_a_law_are_sizes_of_that_law(square):
+    """Taken in one after the other they are one term, at the cost of both together."""
+    found, state = square
+    listed = {h.id: h for h in found.whitened.hypotheses}
+    law = listed["acc_K3"]
+    columns = found.whitened.alone([law], state.fitted.known).columns
+    whitened = replace(state.whitened, columns=columns)
+    start = State(refit(found.start, whitened), whitened)
+    told = explain(0, start.fitted, whitened)
+    halves = [FittedTerm(law, (name,), (1e-6,)) for name in law.names[:2]]
+    one, other, both = (
+        Proposal(replace(told, terms=(term,)), 0.0)
+        for term in (*halves, FittedTerm(law, law.names[:2], (1e-6, 1e-6)))
+    )
+    apart = with_new(with_new(start, one), other)
+    together = repriced(with_new(start, both), whitened)
+    assert [t.names for t in apart.fitted.terms] == [law.names[:2]]
+    assert [t.host for t in apart.fitted.terms] == [None]
+    assert repriced(apart, whitened).cost == pytest.approx(together.cost)
+
+
+def test_a_search_that_comes_back_to_its_causes_ends(monkeypatch, square):
+    """Each step lowers the cost, and there would always be another."""
+    _, state = square
+    rest, steps = without(state, 0), []
+
+    def merged(now, scan):
+        steps.append(now)
+        assert len(steps) < 9
+        other = replace(rest if len(steps) % 2 else state)
+        other.__dict__["cost"] = now.cost - 1.0
+        return other
+
+    monkeypatch.setattr(model_search, "_each_exchanged", lambda now, newest, scan: now)
+    monkeypatch.setattr(model_search, "_added", lambda now, scan: None)
+    monkeypatch.setattr(model_search, "_merged", merged)
+    assert model_search.improved(state).cost == pytest.approx(state.cost - 2.0)
+    assert len(steps) == 2
 
 
 def test_what_cannot_be_without_a_cause_goes_with_it():

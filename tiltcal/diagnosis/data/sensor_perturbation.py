@@ -133,7 +133,9 @@ class HandheldMotion:
             _added(effect, names, sense, start)
             for sense, start in zip((felt, still), starts, strict=True)
         ]
-        return SensorPerturbation(self, sensor, self._everywhere(sensor, sides[0], rows), sides[1], at)
+        return SensorPerturbation(
+            self, sensor, self._everywhere(sensor, sides[0], rows), sides[1], at
+        )
 
     def _everywhere(self, sensor: Sensor, values: Array, rows: Index) -> Array:
         """Values at a sensor's rows interpolated to all, (n, k, p)."""

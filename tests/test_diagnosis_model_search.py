@@ -244,15 +244,15 @@ def test_a_search_that_comes_back_to_its_causes_ends(monkeypatch, square):
     _, state = square
     rest, steps = without(state, 0), []
 
-    def merged(now, scan):
+    def merged(now, _):
         steps.append(now)
         assert len(steps) < 9
         other = replace(rest if len(steps) % 2 else state)
         other.__dict__["cost"] = now.cost - 1.0
         return other
 
-    monkeypatch.setattr(model_search, "_each_exchanged", lambda now, newest, scan: now)
-    monkeypatch.setattr(model_search, "_added", lambda now, scan: None)
+    monkeypatch.setattr(model_search, "_each_exchanged", lambda now, *_: now)
+    monkeypatch.setattr(model_search, "_added", lambda *_: None)
     monkeypatch.setattr(model_search, "_merged", merged)
     assert model_search.improved(state).cost == pytest.approx(state.cost - 2.0)
     assert len(steps) == 2

@@ -1,7 +1,7 @@
 """A recorded readout replayed: the Course that a model needs to predict a recording."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -9,13 +9,11 @@ from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_mounts
 from tiltcal.core.units import COLUMN_UNITS, split_unit
-from tiltcal.recordings.differentiation import Rates, differentiate, noise_of_stamped
+from tiltcal.recordings.differentiation import Rates
+from tiltcal.recordings.kept_readouts import edges_of, rates_of, rests_of, sign_of
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.rest_edges import edges
 from tiltcal.recordings.segmentation import tells_rests
-from tiltcal.recordings.stamps import sampled_at
 from tiltcal.recordings.table_columns import other_tables
-from tiltcal.recordings.table_rests import at_rest
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import angle_channel
 from tiltcal.setup.trajectory import Drive, Jet, Rests
@@ -98,8 +96,8 @@ class Replay:
         found, read = {}, self._read
         for name, angle in self.angles.items():
             # counted the other way it has the same rates, turned
-            sign = _sign(angle)
-            told = _differentiated(self.time[read].tobytes(), (sign * angle[read]).tobytes())
+            sign = sign_of(angle)
+            told = rates_of(self.time[read].tobytes(), (sign * angle[read]).tobytes())
             rates = Rates(*np.zeros((4, len(angle))))
             if not read.all():
                 rates.rate[:] = sign * np.gradient(angle, self.time)
@@ -115,7 +113,7 @@ class Replay:
         """When each rest began and ended: to a part of a sample where the readout tells it."""
         read = self._read
         time = self.time[read].tobytes()
-        said = [_edges(time, angle[read].tobytes()) for angle in self.angles.values()]
+        said = [edges_of(time, angle[read].tobytes()) for angle in self.angles.values()]
         leaves, comes = (
             np.sort(np.concatenate([one[side] for one in said])) if said else np.zeros(0)
             for side in (0, 1)
@@ -146,8 +144,8 @@ def numbered_stops(time: Array, angles: dict[str, Array]) -> Index:
     resting, parted = np.ones(len(time), bool), NOWHERE
     if angles:
         # counted the other way it rests at the same rows
-        each = np.column_stack([_sign(angle) * angle for angle in angles.values()])
-        resting, parted = _rests(time.tobytes(), each.tobytes(), len(angles))
+        each = np.column_stack([sign_of(angle) * angle for angle in angles.values()])
+        resting, parted = rests_of(time.tobytes(), each.tobytes(), len(angles))
     begins = np.diff(resting.astype(int), prepend=0) == 1
     begins[parted] = resting[parted]
     starts = np.flatnonzero(begins)
@@ -264,48 +262,3 @@ def _as_usual(told: Array, rough: Array) -> Array:
     there = np.isfinite(told)
     usual = float(np.median(told[there] - rough[there])) if there.any() else 0.0
     return np.where(there, told, rough + usual)
-
-
-def _sign(angle: Array) -> float:
-    """Of the largest of these angles, (n,)."""
-    return -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0
-
-
-@lru_cache(maxsize=24)
-def _rests(time: bytes, angles: bytes, axes: int) -> tuple[Mask, Index]:
-    """``at_rest`` of the contents of arrays."""
-    return at_rest(np.frombuffer(time), np.frombuffer(angles).reshape(-1, axes))
-
-
-@lru_cache(maxsize=24)
-def _edges(time: bytes, angle: bytes) -> tuple[Array, Array]:
-    """When an axis left a rest and when it came to one, s, of the contents of arrays."""
-    x = np.frombuffer(angle)
-    t = sampled_at(np.frombuffer(time), x)
-    if len(t) < 9 or np.ptp(x) == 0:
-        return np.zeros(0), np.zeros(0)
-    still, parted = at_rest(t, x[:, None])
-    noise, step = noise_of_stamped(t, x, still, parted), float(np.median(np.diff(t)))
-    if not len(noise):
-        return np.zeros(0), np.zeros(0)
-    leaves, comes = edges(t / step, x, still, noise, parted)
-    return leaves * step, comes * step
-
-
-@lru_cache(maxsize=24)
-def _differentiated(time: bytes, angle: bytes) -> Rates:
-    """The rates of one axis, of the contents of arrays: one recording is replayed many times, its
-    columns read anew.
-
-    An axis rests for itself, whatever the others do.
-    """
-    x = np.frombuffer(angle)
-    t = sampled_at(np.frombuffer(time), x)
-    return differentiate(t, x, *at_rest(t, x[:, None]))
-
-
-def forget_replays() -> None:
-    """Free what is kept of the readouts that were replayed last."""
-    _rests.cache_clear()
-    _edges.cache_clear()
-    _differentiated.cache_clear()

@@ -122,7 +122,7 @@ class HandheldMotion:
         self.mean = self.dwell_means(force[:, :, None])[:, :, 0]
         self._senses: dict[str, tuple[Sense, Sense, Index, Index]] = {}
         self._starts: dict[tuple[str, int], tuple[Array, Array]] = {}
-        self._between: dict[str, "csr_array"] = {}
+        self._between: dict[str, csr_array] = {}
 
     def push(self, effect: SignalEffect, names: Sequence[str]) -> SensorPerturbation:
         """What these sizes of an effect, each alone at its value, add to its sensor's reading."""

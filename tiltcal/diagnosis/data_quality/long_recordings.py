@@ -32,9 +32,9 @@ from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
 from tiltcal.effects.timing.delays import DataJitter
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.fingerprint import fingerprint_of
+from tiltcal.recordings.kept_readouts import forget_replays
 from tiltcal.recordings.pieces import estimated_rows, joined, part_of, read_pieces
 from tiltcal.recordings.recording import Recording, is_reading
-from tiltcal.recordings.replay import forget_replays
 from tiltcal.recordings.span_means import (
     LONGEST,
     Spans,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index
+from tiltcal.core.arrays import Array, Index, Single
 
 
 class InnerProducts:
@@ -24,7 +24,7 @@ class InnerProducts:
         self._row = np.repeat(self._begins, self._counts) + self._place * self._count
         self._values = np.zeros(int(begins[-1]) if len(begins) else 0)
 
-    def add(self, numbers: Index, products: Array) -> None:
+    def add(self, numbers: Index, products: Single) -> None:
         """Add those of some columns of g hypotheses in one channel.
 
         Args:

@@ -140,7 +140,7 @@ class WhitenedModel:
             total[index] += block.along(weighed[block.channel])
         return total
 
-    def inner_products(self, blocks: Sequence[Block]) -> "InnerProducts":
+    def inner_products(self, blocks: Sequence[Block]) -> InnerProducts:
         """U'U of each hypothesis with a column in some blocks; nothing of the others."""
         weights = [(1 / root).astype(np.float32) for root in self.roots]
         found = InnerProducts([len(h.names) for h in self.hypotheses])

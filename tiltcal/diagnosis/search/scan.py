@@ -14,7 +14,6 @@ from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, any_of, log_bayes_factor
 from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, log_priors
 
-
 Kinds = tuple[Array, Mask, list[Index]]
 _KEPT: "WeakKeyDictionary[HypothesisColumns, Kinds]" = WeakKeyDictionary()
 
@@ -99,8 +98,8 @@ class Scan:
         unsized = self._unsized[which]
         factors = np.zeros(gain.shape)
         if unsized.any():
-            ratio = ENERGIES[:, None, None] / coarse[unsized]
-            factors[unsized] = log_bayes_factor(gain[unsized], ratio)
+            energies = ENERGIES[:, None, None] / coarse[unsized]
+            factors[unsized] = log_bayes_factor(gain[unsized], energies)
         if not unsized.all():
             ratio = SIZES[:, None, None] * np.where(there, sized, 0.0)[~unsized]
             factors[~unsized] = log_bayes_factor(gain[~unsized], ratio)

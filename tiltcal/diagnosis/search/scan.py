@@ -101,6 +101,6 @@ class Scan:
             energies = ENERGIES[:, None, None] / coarse[unsized]
             factors[unsized] = log_bayes_factor(gain[unsized], energies)
         if not unsized.all():
-            ratio = SIZES[:, None, None] * np.where(there, sized, 0.0)[~unsized]
-            factors[~unsized] = log_bayes_factor(gain[~unsized], ratio)
+            sizes = np.asarray(SIZES[:, None, None] * np.where(there, sized, 0.0)[~unsized], float)
+            factors[~unsized] = log_bayes_factor(gain[~unsized], sizes)
         return any_of(np.where(there, factors, 0.0))

@@ -277,8 +277,8 @@ def least_shares(scan, start):
     along, found = scan.products.along(start), []
     columns = scan._whitened.columns
     for k, h in enumerate(columns.hypotheses):
-        inner = scan.products.own.get(k)
-        if inner is None:
+        (inner,) = scan.products.own.of(np.array([k]))
+        if not inner.any():
             found.append(1.0)
             continue
         inside = along[columns.starts[k] : columns.starts[k] + len(h.names), 1:]

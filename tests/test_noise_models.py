@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.statistics.dwell_noise import white_at_rest
 from tiltcal.statistics.noise_spectrum import CONFIDENCE, NoiseFit, cosines, estimate_noise
-from tiltcal.statistics.white_flicker_walk import LEAST_WHITE, WhiteFlickerWalk
+from tiltcal.statistics.white_flicker_walk import LEAST_WHITE, WhiteFlickerWalk, deviance
 
 MODELS = [
     WhiteFlickerWalk(1.0),
@@ -64,6 +64,35 @@ def test_the_most_probable_noise_beside_a_pure_random_walk_keeps_the_least_white
     found = fit.model.most_probable(fit.bins, price)
     assert found.white**2 >= (1 - 1e-9) * LEAST_WHITE * fit.bins.scale
     assert found.white <= 1.1 * fit.model.white
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 0.0, 0.0), (1.0, 0.2, 0.0), (1.0, 0.05, 0.01)])
+def test_no_model_nearby_is_more_probable_than_the_most_probable_one(rng, sizes):
+    """By its deviance and a price that draws the slow noise to sizes of its own, over steps of each
+    variance up and down, from a tenth to ten times.
+    """
+    n = 4000
+    noise = WhiteFlickerWalk(*sizes)
+    fit = NoiseFit.of(rng.normal(size=n) * np.sqrt(noise.spectrum(n)), np.ones(n), type(noise))
+    usual = np.log([1.0, 1e-2, 1e-5])
+
+    def logs(model):
+        return np.log(np.maximum([model.white, model.flicker, model.walk], 1e-100)) * 2
+
+    def price(model):
+        off = np.clip((logs(model) - usual) * [0.0, 1.0, 1.0], -50, 50)
+        return 0.05 * float(off @ off), 0.1 * off, np.diag([0.0, 0.1, 0.1])
+
+    def cost(model):
+        variances = np.exp(logs(model)) / fit.bins.scale
+        return deviance(fit.bins, variances) / 2 + price(model)[0]
+
+    found = fit.model.most_probable(fit.bins, price)
+    assert cost(found) <= cost(fit.model)
+    for step in np.log(10.0) * np.linspace(-1, 1, 21):
+        for k in range(3):
+            moved = logs(found) + step * np.eye(3)[k]
+            assert cost(found) < cost(WhiteFlickerWalk(*np.exp(moved / 2))) + 2e-3
 
 
 def test_an_autoregressive_process_has_the_spectrum_that_the_class_says(rng):

@@ -31,7 +31,7 @@ def edges_of(time: bytes, angle: bytes) -> tuple[Array, Array]:
     t = sampled_at(np.frombuffer(time), x)
     if len(t) < 9 or np.ptp(x) == 0:
         return np.zeros(0), np.zeros(0)
-    still, parted = at_rest(t, x[:, None])
+    still, parted = rests_of(t.tobytes(), angle, 1)
     noise, step = noise_of_stamped(t, x, still, parted), float(np.median(np.diff(t)))
     if not len(noise):
         return np.zeros(0), np.zeros(0)
@@ -46,7 +46,7 @@ def rates_of(time: bytes, angle: bytes) -> Rates:
     """
     x = np.frombuffer(angle)
     t = sampled_at(np.frombuffer(time), x)
-    return differentiate(t, x, *at_rest(t, x[:, None]))
+    return differentiate(t, x, *rests_of(t.tobytes(), angle, 1))
 
 
 def forget_replays() -> None:

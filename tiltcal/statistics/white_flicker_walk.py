@@ -135,7 +135,7 @@ def _expanded(bins: SpectrumBins, parts: Array) -> Expansion:
     slope = 0.5 * (bins.weight - ratio) @ share
     curvature = 0.5 * share.T @ ((2 * ratio - bins.weight)[:, None] * share)
     curvature[np.diag_indices(3)] += slope
-    return 0.5 * float(bins.weight @ np.log(S) + ratio.sum()), slope, curvature
+    return 0.5 * _deviance(bins, S), slope, curvature
 
 
 def _sum(one: Expansion, other: Expansion) -> Expansion:

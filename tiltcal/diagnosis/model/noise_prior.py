@@ -152,10 +152,10 @@ class InstrumentPrior:
 
         def price(model: NoiseModel) -> Expansion:
             over = np.log(np.maximum(own.above(model), 1.0)) / log(SPREAD)
-            level, by = own.level(model), own.slopes(model)
+            level, (by_level, by_above) = own.level(model), own.slopes(model)
             off = free * (np.array([level - _log(model.white), level]) - means)
-            by_over = np.where(over > 0, 1.0, 0.0)[:, :, None] * by[1] / log(SPREAD)
-            by_off = free * np.array([by[0] - WHITE, by[0]])
+            by_over = np.where(over > 0, 1.0, 0.0)[:, :, None] * by_above / log(SPREAD)
+            by_off = free * np.array([by_level - WHITE, by_level])
             z = np.column_stack([over, off])
             return _halves(costs, z, np.concatenate([by_over, by_off[:, None]], axis=1))
 

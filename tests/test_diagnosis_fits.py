@@ -73,6 +73,23 @@ def test_a_step_to_where_the_model_has_no_reading_is_taken_back(monkeypatch):
     assert fitted.deviance <= sane * 1.001
 
 
+def test_a_step_that_ran_away_is_tried_again_with_damping(monkeypatch):
+    """The second evaluation, that of the first step, is made absurd: the fit goes on from where it
+    was, and finds the size all the same.
+    """
+    found = prepared(K2)
+    usual, calls = WhitenedModel.residual, []
+
+    def absurd(whitened, effects):
+        calls.append(1)
+        left = usual(whitened, effects)
+        return [1e6 + r for r in left] if len(calls) == 2 else left
+
+    monkeypatch.setattr(WhitenedModel, "residual", absurd)
+    fitted = with_terms(found, hypothesis("acc_K2", ("k2_x",)))
+    assert abs(fitted.terms[0].values[0] - 800e-6) < 4 * fitted.sigmas(0)[0]
+
+
 @pytest.mark.parametrize(("code", "kept"), [(1e-3, 1), (0.1, 0)])
 def test_what_is_nowhere_larger_than_a_code_is_not_named(code, kept):
     found = prepared(K2)

@@ -2,15 +2,20 @@
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.statistics.projection import DISTINCT
 
 
-def column_lengths(gram: Array) -> Array:
+def column_lengths(gram: Array, sized: Mask) -> Array:
     """Lengths of columns, (p,). One that hardly shows at a plausible size is not scaled up: what is
-    left of it may be rounding.
+    left of it may be rounding. Curves have no plausible size, and no rounding.
+
+    Args:
+        gram: inner products, (p, p).
+        sized: whether each column is of a plausible size, (p,).
     """
-    return np.asarray(np.sqrt(np.maximum(np.diag(gram), 1.0)))
+    least = np.where(sized | (np.diag(gram) <= 0), 1.0, 0.0)
+    return np.asarray(np.sqrt(np.maximum(np.diag(gram), least)))
 
 
 def pseudo_inverse(gram: Array) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
 from tiltcal.diagnosis.model.column_block import Waves
@@ -24,6 +24,7 @@ class NormalEquations:
         gram: of the columns with each other; target: with what has to be explained.
         owner: number of the hypothesis of each column; names: of its size.
         raw: squared lengths of the columns before the projection.
+        sized: whether each is of a plausible size.
     """
 
     gram: Array
@@ -31,6 +32,7 @@ class NormalEquations:
     owner: list[int]
     names: list[str]
     raw: Array
+    sized: Mask
 
     def gain(self, chosen: Sequence[int]) -> float:
         """Energy that some columns explain."""
@@ -43,7 +45,7 @@ class NormalEquations:
     def _inverse(self, chosen: Sequence[int]) -> Array:
         index = list(chosen)
         part = self.gram[np.ix_(index, index)]
-        size = column_lengths(part)
+        size = column_lengths(part, self.sized[index])
         return pseudo_inverse(part / np.outer(size, size))[0] / np.outer(size, size)
 
 
@@ -128,8 +130,9 @@ def _beside(
     inside = np.zeros((matrix.count, basis[0].shape[1]))
     for numbers, block, B in zip(matrix.where, matrix.blocks, basis, strict=True):
         inside[numbers] += block.T @ B
-    owner = [0] * matrix.count
-    return matrix, inside, _projected(matrix.gram, matrix.along(target), inside, owner, [])
+    own, sized = [0] * matrix.count, np.ones(matrix.count, bool)
+    along = matrix.along(target)
+    return matrix, inside, _projected(matrix.gram, along, inside, own, [], sized)
 
 
 def gram_of(members: Sequence[int], whitened: WhitenedModel) -> Array:
@@ -154,17 +157,20 @@ def projected_equations(
     """
     owner = [m for m in members for _ in whitened.hypotheses[m].names]
     names = [n for m in members for n in whitened.hypotheses[m].names]
-    return _projected(gram, along[:, 0], along[:, 1:], owner, names)
+    sized = np.array([whitened.hypotheses[m].has_plausible_size for m in owner], bool)
+    return _projected(gram, along[:, 0], along[:, 1:], owner, names, sized)
 
 
 def _projected(
-    gram: Array, side: Array, inside: Array, owner: list[int], names: list[str]
+    gram: Array, side: Array, inside: Array, owner: list[int], names: list[str], sized: Mask
 ) -> NormalEquations:
-    """The equations after a basis is projected out. inside: inner products with it, (p, q)."""
+    """The equations after a basis is projected out. inside: inner products with it, (p, q);
+    sized: see ``NormalEquations``, (p,).
+    """
     rest, side, raw = gram - inside @ inside.T, side.copy(), np.diag(gram)
     gone = np.diag(rest) < SURVIVES * raw
     rest[gone], rest[:, gone], side[gone] = 0.0, 0.0, 0.0
-    return NormalEquations(rest, side, owner, names, raw)
+    return NormalEquations(rest, side, owner, names, raw, sized)
 
 
 def _parts(members: Sequence[int], whitened: WhitenedModel) -> dict[int, tuple[list[int], Array]]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
 from tiltcal.diagnosis.model.fitted_model import (
     FittedModel,
@@ -21,7 +21,9 @@ from tiltcal.effects.base import Effect
 # plausible sizes: how far ordinary calibration terms may be from nothing when the data do not say
 PRIOR = 5.0
 RUNAWAY = 4.0  # times the least deviance so far
-ROUNDS = 4  # of Gauss-Newton: columns are right to a per cent, so each round gains two digits
+DAMPING = 1e-6  # the least, of columns of unit length
+GROWTH = 100.0  # of the damping at each step that runs away
+ROUNDS = 4  # steps: columns are right to a per cent, so each gains two digits
 SETTLED = 0.1  # of deviance: less is no change
 
 
@@ -36,7 +38,7 @@ def refit(
     Args:
         fitted: the model.
         whitened: under its noise.
-        rounds: of Gauss-Newton, at most.
+        rounds: steps, at most.
         about: effects that the columns are about; None: those that all fits share, else its own.
     """
     terms = [*fitted.nuisance, *fitted.terms]
@@ -49,14 +51,15 @@ def refit(
     columns = vectors_of(whitened, terms, about)
     design = BlockDesignMatrix([c.parts for c in columns], lengths)
     gram = design.gram
-    size = column_lengths(gram)
+    size = column_lengths(gram, _sized(terms))
     prior = np.array(
         [1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names]
     )
     relative = prior / size**2
-    inverse, open_ = pseudo_inverse(gram / np.outer(size, size) + np.diag(relative))
+    curvature = gram / np.outer(size, size) + np.diag(relative)
+    inverse, open_ = pseudo_inverse(curvature)
     terms, residual = _descended(
-        fitted.known, terms, whitened, design, inverse, prior, size, rounds
+        fitted.known, terms, whitened, design, curvature, prior, size, rounds
     )
     left = tuple(design.explain(residual)[1])
     covariance = inverse + prior_covariance(open_, relative)
@@ -118,7 +121,7 @@ def refit_linearly(
         ]
     design = BlockDesignMatrix([c.parts for c in columns], [len(r) for r in residual])
     gram = design.gram
-    size = column_lengths(gram)
+    size = column_lengths(gram, _sized(terms))
     units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
     inverse, _ = pseudo_inverse(gram / np.outer(size, size))
     step = inverse @ (design.along(residual) / size) / size
@@ -135,6 +138,11 @@ def refit_linearly(
         covariance=None,
         reached=None,
     )
+
+
+def _sized(terms: Sequence[FittedTerm]) -> Mask:
+    """Whether each value has a plausible size, (p,)."""
+    return np.array([t.hypothesis.has_plausible_size for t in terms for _ in t.names], bool)
 
 
 def _put_back(residual: Sequence[Array], removed: Sequence[tuple[Vector, float]]) -> list[Array]:
@@ -163,19 +171,20 @@ def _descended(
     terms: list[FittedTerm],
     whitened: WhitenedModel,
     design: BlockDesignMatrix,
-    inverse: Array,
+    curvature: Array,
     prior: Array,
     size: Array,
     rounds: int,
 ) -> tuple[list[FittedTerm], list[Array]]:
-    """Gauss-Newton steps with the columns kept, and the whitened residual where they end.
+    """Levenberg-Marquardt steps with the columns kept, and the whitened residual where they end.
 
-    A step to where the model has no reading, or leaves far more than before, is taken back, and is
-    the last.
+    A step to where the model has no reading, or leaves far more than before, is taken back, and
+    tried again with more damping: shorter, and most so where the readings say least.
     """
     units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
     residual = whitened.residual([*known, *(t.effect for t in terms)])
     least = sum(float(r @ r) for r in residual)
+    damping, inverse = 0.0, pseudo_inverse(curvature)[0]
     for _ in range(rounds if len(units) else 0):
         at = np.array([v for t in terms for v in t.values]) / units
         step = inverse @ ((design.along(residual) - prior * at) / size) / size
@@ -184,11 +193,13 @@ def _descended(
         moved = _moved(terms, step * units)
         left = whitened.residual([*known, *(t.effect for t in moved)])
         deviance = sum(float(r @ r) for r in left)
-        if not deviance < RUNAWAY * least:
-            break
-        terms, residual, least = moved, left, min(least, deviance)
-        if np.abs(step * size).max(initial=0.0) < 1e-3:
-            break
+        if deviance < RUNAWAY * least:
+            terms, residual, least = moved, left, min(least, deviance)
+            if np.abs(step * size).max(initial=0.0) < 1e-3:
+                break
+        else:
+            damping = max(GROWTH * damping, DAMPING)
+            inverse = pseudo_inverse(curvature + damping * np.eye(len(size)))[0]
     return terms, residual
 
 

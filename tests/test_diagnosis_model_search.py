@@ -252,10 +252,29 @@ def test_a_search_that_comes_back_to_its_causes_ends(monkeypatch, square):
         return other
 
     monkeypatch.setattr(model_search, "_each_exchanged", lambda now, *_: now)
-    monkeypatch.setattr(model_search, "_added", lambda *_: None)
+    monkeypatch.setattr(model_search, "_with_one_more", lambda now, *_: now)
     monkeypatch.setattr(model_search, "_merged", merged)
     assert model_search.improved(state).cost == pytest.approx(state.cost - 2.0)
     assert len(steps) == 2
+
+
+def test_where_the_refit_of_the_best_proposal_costs_more_the_next_is_tried(monkeypatch, square):
+    _, state = square
+    rest = without(state, 0)
+    scan = Scan(rest.whitened)
+    best = model_search.laws(model_search._with_one_more(rest, rest, scan).fitted)[0]
+
+    def failing(new):
+        """A refit that leaves more than there was for the best law."""
+        if best in model_search.laws(new.fitted):
+            new = replace(new)
+            new.__dict__["cost"] = np.inf
+        return new
+
+    monkeypatch.setattr(model_search, "refitted", failing)
+    other = model_search._with_one_more(rest, rest, scan)
+    assert other.cost < rest.cost
+    assert best not in model_search.laws(other.fitted)
 
 
 def test_what_cannot_be_without_a_cause_goes_with_it():

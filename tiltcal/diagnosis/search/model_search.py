@@ -149,8 +149,7 @@ def improved(state: State) -> State:
     while True:
         state = _each_exchanged(state, newest, scan)
         count = len(state.fitted.findings())
-        more = _added(state, scan) if count < MOST else None
-        if more is not None and (kept := _cheaper(more, state)) is not state:
+        if count < MOST and (kept := _with_one_more(state, state, scan)) is not state:
             newest, state = count, kept
             continue
         if (names := _names(state)) in visited:
@@ -204,9 +203,8 @@ def _split(state: State, scan: Scan) -> State:
         rivals = _rivals(sorted(rivals, key=lambda p: -p.score))
         if not rivals:
             continue
-        first = with_new(rest, _ahead(rivals, rest, scan))
-        second = _added(first, scan)
-        if second is not None and (kept := _cheaper(second, state)) is not state:
+        first = with_new(rest, _ahead(rivals, rest, scan)[0])
+        if (kept := _with_one_more(first, state, scan)) is not state:
             return kept
     return state
 
@@ -231,13 +229,16 @@ def _merged(state: State, scan: Scan) -> State:
     return state
 
 
-def _added(state: State, scan: Scan) -> State | None:
-    """One more cause: that after which, with the best next one, the cost is least."""
+def _with_one_more(state: State, least: State, scan: Scan) -> State:
+    """One cause more than in a state, where that costs less than another does; else the other. It
+    is that after which, with the best next one, the cost is least, of those whose refits say so.
+    """
     found = [p for p in proposals(state, scan) if p.score > 0]
-    if not found:
-        return None
     rivals = _shaped(_rivals(found), state)
-    return with_new(state, _ahead(rivals, state, scan))
+    for proposal in _ahead(rivals, state, scan):
+        if (kept := _cheaper(with_new(state, proposal), least)) is not least:
+            return kept
+    return least
 
 
 def _shaped(found: Sequence[Proposal], state: State) -> list[Proposal]:
@@ -247,10 +248,10 @@ def _shaped(found: Sequence[Proposal], state: State) -> list[Proposal]:
     return [best_shape(p, state.fitted, state.whitened) for p in found]
 
 
-def _ahead(rivals: Sequence[Proposal], state: State, scan: Scan) -> Proposal:
-    """The proposal of the best score with that of the best that may follow it."""
-    if len(rivals) == 1:
-        return rivals[0]
+def _ahead(rivals: Sequence[Proposal], state: State, scan: Scan) -> list[Proposal]:
+    """Proposals in order of their scores with those of the best that may follow each."""
+    if len(rivals) < 2:
+        return list(rivals)
     fitted = state.fitted
     trials = [
         refit_linearly(fitted, fitted.terms + p.explanation.terms, state.whitened) for p in rivals
@@ -258,7 +259,7 @@ def _ahead(rivals: Sequence[Proposal], state: State, scan: Scan) -> Proposal:
     scan.products.prepare(trials)
     follow = [float((scan.log_bayes_factors(t) + scan.log_odds).max()) for t in trials]
     scores = [p.score + max(f, 0.0) for p, f in zip(rivals, follow, strict=True)]
-    return rivals[int(np.argmax(scores))]
+    return [rivals[k] for k in np.argsort(-np.array(scores))]
 
 
 def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:

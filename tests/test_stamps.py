@@ -51,6 +51,18 @@ def test_rates_of_a_readout_do_not_follow_the_rounding_of_its_stamps(ticks, rng)
     assert error[1] < 1.2 * error[0]
 
 
-def test_of_a_readout_at_rest_the_clock_is_even():
-    time = np.round(ROW / 12, 4)
-    assert sampled_at(time, np.zeros_like(time)) == pytest.approx(ROW / 12, abs=2e-5)
+@pytest.mark.parametrize("rows", [4, 5, 5000])
+def test_of_a_readout_at_rest_the_clock_is_even(rows):
+    time = np.round(ROW[:rows] / 12, 4)
+    assert sampled_at(time, np.zeros_like(time)) == pytest.approx(ROW[:rows] / 12, abs=5e-5)
+
+
+@pytest.mark.parametrize("ticks", [False, True])
+def test_samples_that_were_lost_in_a_fast_turn_do_not_hide_how_the_clock_ticks(ticks, rng):
+    """Across a lost row no readout is smooth: that says nothing of the stamps."""
+    kept = rng.random(2000) > 0.005
+    even = ROW[:2000][kept] / 36
+    written = np.round(even, 4)
+    sampled = written if ticks else even
+    angle = np.deg2rad(60) * np.sin(0.5 * sampled) + 0.05 * ARCSEC * rng.standard_normal(kept.sum())
+    assert sampled_at(written, angle) == pytest.approx(sampled, abs=2e-6)

@@ -1,12 +1,14 @@
 """The time stamps of a recording: they have to increase, and may be rounded."""
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 
 DECIMALS = 7  # of a second: stamps with more are as good as exact
 ORDER = 4  # of the differences by which a readout is smooth
+LOST = 1.5  # steps of a regular clock, at least, where samples are missing: no readout is smooth
 ROUNDING = 1e-9  # s, what stamps near zero are off by
 CERTAIN = 0.1  # of a unit: what is off by more is no whole number of it
 LARGEST = 1e30  # of a reading or a stamp: its eighth power is still a number
@@ -87,17 +89,19 @@ def unrounded(time: Array) -> Array:
 def sampled_at(time: Array, angle: Array) -> Array:
     """When rows were sampled, s, (n,): at even times that were written rounded, or at the rounded
     times themselves, as a recorder does whose clock ticks as coarsely. The readout of an axis is
-    smoother over the true ones.
+    smoother over the true ones, where no sample is missing.
 
     Args:
         time: stamps, s, (n,).
         angle: readout of the axis, rad, (n,).
     """
     even = unrounded(time)
-    if even is time:
-        return time
+    if even is time or len(time) <= ORDER:
+        return even
     at_even = angle - np.gradient(angle, even) * (time - even)
-    written, ticked = (float(np.sum(np.diff(x, ORDER) ** 2)) for x in (angle, at_even))
+    step = np.diff(even)
+    in_turn = sliding_window_view(step < LOST * np.median(step), ORDER).all(axis=1)
+    written, ticked = (float(np.sum(np.diff(x, ORDER)[in_turn] ** 2)) for x in (angle, at_even))
     return even if written <= ticked else time
 
 

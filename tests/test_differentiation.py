@@ -277,3 +277,20 @@ def test_what_rings_at_rest_is_as_uncertain_as_its_rates(rng):
     told, size = noise[rings], truth[rings]
     assert 0.3 < np.sqrt(np.mean(size**2) / np.mean(told**2)) < 1.5
     assert np.mean(noise[time > 6.5] > 0) < 0.01
+
+
+def test_the_noise_of_a_rate_says_how_far_a_few_samples_of_a_ramp_are_off():
+    """A ramp within ten samples of a readout without noise: no polynomial fits it, and the
+    narrowest one is off by what it bends beyond.
+    """
+    step = 0.04
+    time = np.arange(0, 20, step)
+    u = np.clip((time - 8.0) / 0.4, 0, 1)
+    rate = 0.7 * u**2 * (3 - 2 * u)
+    ramp = 0.4 * 0.7 * (u**3 - u**4 / 2)
+    angle = ramp + 0.7 * np.maximum(time - 8.4, 0.0)
+    found = differentiate(time, angle, time < 8.0)
+    on = (time > 8.0) & (time < 8.4)
+    off = np.abs(found.rate - rate)[on]
+    assert off.max() > 1e-3
+    assert (off < 2 * found.noise[on]).all()

@@ -31,6 +31,7 @@ def by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array, Array]
     narrowest = error.copy()
     for row in _ends(n):  # no window is around them
         error[:, row] = np.inf
+    kept = np.ones((2, n), bool)
     fitting = {(w, d): fits(u, w, d, noise) for d, w in product(DEGREES, WIDTHS) if d + 1 < w < n}
     for places in (AROUND, BESIDE):
         wanted = np.ones((2, n), bool) if places is AROUND else error >= narrowest
@@ -47,8 +48,9 @@ def by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array, Array]
                     found = np.convolve(u, weights[::-1], mode="valid")
                     told[k, rows] = np.where(better, found, told[k, rows])
                     error[k, rows] = np.where(better, expected, error[k, rows])
+                    kept[k, rows] &= ~better
     v, a = told
-    squares, bending = np.where(np.isinf(error), narrowest, error)
+    squares, bending = np.where(kept, narrowest + _bias_of_narrowest(u, noise), error)
     return v, a, squares, bending
 
 
@@ -67,6 +69,23 @@ def _by_narrowest(u: Array, noise: Array) -> tuple[Array, Array]:
             told[k, row] = float(weights @ u[begin : begin + WIDTHS[0]])
             variance[k, row] = float(weights @ weights) * noise[row] ** 2
     return told, variance
+
+
+def _bias_of_narrowest(u: Array, noise: Array) -> Array:
+    """Expected squares of what the narrowest windows are off where their polynomials bend too
+    little, (2, n).
+    """
+    n, beyond = len(u), WIDTHS[1] // 2
+    if n < WIDTHS[1]:
+        return np.zeros((2, n))
+    narrow = _weights(WIDTHS[0], WIDTHS[0] // 2, DEGREES[0])
+    wider = _weights(WIDTHS[1], beyond, DEGREES[1])
+    return np.array(
+        [
+            np.pad(_bias(u, more - np.pad(weights, 1), noise[beyond : n - beyond]), beyond, "edge")
+            for weights, more in zip(narrow, wider, strict=True)
+        ]
+    )
 
 
 def _ends(n: int) -> tuple[int, ...]:

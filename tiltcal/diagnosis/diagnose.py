@@ -11,6 +11,7 @@ from tiltcal.core.progress import Progress, Stages, silent
 from tiltcal.diagnosis.conclusions.answering import answered, simulated, testable, untested
 from tiltcal.diagnosis.conclusions.finding import Diagnosis
 from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_quality.heading import with_heading
 from tiltcal.diagnosis.data_quality.long_recordings import (
     AVERAGES,
     LongRecording,
@@ -181,7 +182,8 @@ def _prepared(
 ) -> PreparedData:
     """The recordings with their faults repaired, and those that were found when they were read."""
     seen = [fault for r in given for fault in r.faults]
-    prepared = prepare(scenario, [r.recording for r in given], noise, seen)
+    recordings = [r.recording for r in given]
+    prepared = with_heading(scenario, lambda one: prepare(one, recordings, noise, seen))
     return replace(
         prepared, left_out=(*(rows for r in given for rows in r.left_out), *prepared.left_out)
     )

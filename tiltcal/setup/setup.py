@@ -28,6 +28,14 @@ class Site(Part):
     heading_deg: float | Literal["unknown"] = 0.0
     temperature_degC: float = 23.0
 
+    @model_validator(mode="before")
+    @classmethod
+    def _unknown_heading(cls, words: Any) -> Any:
+        """``heading = "unknown"`` is another way to write that the heading is not known."""
+        if not isinstance(words, dict) or words.get("heading") != "unknown":
+            return words
+        return {"heading_deg": "unknown"} | {k: v for k, v in words.items() if k != "heading"}
+
     @property
     def gravity(self) -> float:
         """m/s2."""

@@ -90,7 +90,7 @@ def harmonic_of(effect: Effect, rig: Rig) -> tuple[int, int] | None:
         order = 1 + int(np.argmax(np.abs(effect.coefficients))) // 2
     if order is None:
         return None
-    axis = effect.axis or (axis_of(effect.coordinate) if isinstance(effect, Learned) else None)
+    axis = (axis_of(effect.coordinate) if isinstance(effect, Learned) else None) or effect.axis
     return (order, 0) if axis in (None, rig.axis_names[0]) else (0, order)
 
 

@@ -259,22 +259,16 @@ def calibrated(
     """The adjustable terms fitted to the readings under white noise, and that noise."""
     scenario = observations.scenario
     terms = [FittedTerm.start(s) for s in adjustable(scenario)]
+    places = [t.hypothesis.place for t in terms]
     known: list[Effect] = []
-    for (
-        effect
-    ) in observations.known:  # an amended scenario brings its calibration: go on from there
-        k = next(
-            (
-                k
-                for k, t in enumerate(terms)
-                if t.hypothesis.place == (effect.id, effect.sensor, effect.axis)
-            ),
-            None,
-        )
-        if k is None or effect.role != "calibration":
-            known.append(effect)
-        else:
+    for effect in observations.known:
+        place = (effect.id, effect.sensor, effect.axis)
+        # what is to be fitted, and the calibration of an amended scenario, goes on from there
+        if place in places and (effect.fit or effect.role == "calibration"):
+            k = places.index(place)
             terms[k] = replace(terms[k], values=tuple(effect.value(n) for n in terms[k].names))
+        else:
+            known.append(effect)
     fitted = FittedModel(tuple(known), tuple(terms))
     noise = white_of_differences(fitted, observations)
     whitened = WhitenedModel.of(HypothesisColumns(observations), noise, law)

@@ -111,10 +111,10 @@ def with_values(effect: Effect, values: Mapping[str, float]) -> Effect:
 
 
 def adjustable(scenario: Scenario) -> list[Hypothesis]:
-    """The terms that ordinary calibration may re-tune, as effects with role ``calibration``;
-    unknown heading among them.
+    """The terms that ordinary calibration may re-tune, as effects with role ``calibration``: those
+    of the sensors, and the scenario's own effects that are to be fitted.
     """
-    found = []
+    found: list[Hypothesis] = []
     for sensor in scenario.sensor:
         for term in sensor.adjustable:
             if (cls := calibration_effect(term, sensor.kind)) is not None:
@@ -122,6 +122,14 @@ def adjustable(scenario: Scenario) -> list[Hypothesis]:
                     _hypothesis(cls, scenario, sensor, axis, role="calibration")
                     for axis in cls.axes_on(scenario.rig)
                 ]
+    for effect in scenario.effects:
+        if effect.fit:
+            bound = scenario.named(effect.sensor) if effect.sensor else None
+            one = _hypothesis(
+                type(effect), scenario, bound, effect.axis, effect.values, "calibration"
+            )
+            if all(one.place != other.place for other in found):
+                found.append(replace(one, effect=replace(one.effect, fit=True)))
     return found
 
 
@@ -140,7 +148,7 @@ def _hypothesis(
         n: 1.0 if p.whole else p.plausible[GRADES.index("mid_mems")] * p.factor
         for n, p in cls.sizes_on(axes, scenario.rig).items()
     }
-    effect = cls({**plausible, **(shapes or {})}, bound.name if bound else None, axis, role)
+    effect = cls({**(shapes or {}), **plausible}, bound.name if bound else None, axis, role)
     return Hypothesis(effect, tuple(plausible))
 
 

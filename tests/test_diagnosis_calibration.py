@@ -1,0 +1,106 @@
+"""What a diagnosis may re-tune before anything is missing physics: the scenario's own effects that
+are to be fitted, an unknown heading; and where a curve's harmonics are said to be.
+"""
+
+import numpy as np
+import pytest
+from diagnosis_fixtures import bench, honest, recorded, shorter, turns
+
+from tiltcal.core.errors import TiltcalError
+from tiltcal.diagnosis.conclusions.statements import harmonic_of
+from tiltcal.diagnosis.data_quality.heading import with_heading
+from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
+from tiltcal.effects.learned import LearnedReading
+from tiltcal.laboratory.scenario import Scenario, parse_scenario
+
+K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 300.0}
+
+
+def with_effects(scenario: Scenario, *effects: dict) -> Scenario:
+    table = scenario.model_dump(exclude={"effect"}, exclude_defaults=True, by_alias=True)
+    return parse_scenario({"schema": 1, **table, "effect": list(effects)})
+
+
+def test_an_effect_that_is_known_roughly_is_fitted_and_is_no_finding():
+    truth = shorter(bench(K2), 14)
+    known = with_effects(honest(truth), {**K2, "k2_x_ug_g2": 150.0, "fit": True})
+    answer = diagnose(known, [recorded(truth, 3)])
+    assert answer.verdict == "match"
+    (fitted,) = (e for e in answer.amended["effect"] if e["id"] == "acc_K2")
+    assert fitted["k2_x_ug_g2"] == pytest.approx(300.0, abs=40.0)
+    assert fitted["fit"]
+    assert fitted["role"] == "calibration"
+
+
+def test_an_effect_that_is_adjustable_anyway_is_one_term():
+    known = with_effects(bench(), {"id": "acc_bias", "bias_x_ug": 100.0, "fit": True})
+    places = [h.place for h in adjustable(known)]
+    assert len(places) == len(set(places)) == 3
+
+
+def north_table(heading: object, **site: object) -> Scenario:
+    """A vertical table with a FOG that lies 37 deg off level."""
+    return parse_scenario(
+        {
+            "schema": 1,
+            "name": "north",
+            "site": {"gravity_m_s2": 9.81, "latitude_deg": 45.0, "heading_deg": heading, **site},
+            "rig": {"table": "vertical"},
+            "sensor": [
+                {
+                    "name": "fog",
+                    "kind": "fog",
+                    "axes": ["a"],
+                    "input_axis": [0.8, 0.0, 0.6],
+                    "rate_hz": 10.0,
+                    "adjustable": ["bias", "scale"],
+                }
+            ],
+            "effect": [{"id": "gyr_noise", "sensor": "fog", "white_deg_rth": 0.02}],
+            "sequence": turns(),
+        }
+    )
+
+
+@pytest.mark.parametrize("heading", [37.0, 251.0])
+def test_an_unknown_heading_is_found_and_told(heading):
+    recording = recorded(north_table(heading), 4)
+    unknown = honest(north_table("unknown"))
+    found = with_heading(unknown, lambda one: prepare(one, [recording]))
+    assert found.observations.scenario.site.heading_deg == pytest.approx(heading, abs=3.0)
+    (note,) = (n for n in found.notes if n.startswith("heading_deg was unknown"))
+    sigma = float(note.split("+- ")[1].split()[0])
+    assert abs(found.observations.scenario.site.heading_deg - heading) < 4 * sigma
+    assert sigma < 1.0
+
+
+def test_a_heading_that_no_sensor_feels_stays_unknown():
+    scenario = honest(shorter(bench(), 6))
+    unknown = scenario.model_copy(
+        update={"site": scenario.site.model_copy(update={"heading_deg": "unknown"})}
+    )
+    recording = recorded(shorter(bench(), 6), 4)
+    found = with_heading(unknown, lambda one: prepare(one, [recording]))
+    assert found.observations.scenario.site.heading_deg == "unknown"
+
+
+def test_unknown_may_be_written_as_the_heading():
+    table = north_table(0.0).model_dump(exclude_defaults=True, by_alias=True)
+    site = {"gravity_m_s2": 9.81, "latitude_deg": 45.0}
+    written = parse_scenario({"schema": 1, **table, "site": {**site, "heading": "unknown"}})
+    assert written.site.heading_deg == "unknown"
+    with pytest.raises(TiltcalError, match="heading"):
+        parse_scenario({"schema": 1, **table, "site": {**site, "heading": 12.0}})
+
+
+@pytest.mark.parametrize(
+    ("axis", "coordinate", "orders"),
+    [("x", "table_outer", (5, 0)), ("x", "table_inner", (0, 5)), ("y", "table_outer", (5, 0))],
+)
+def test_a_harmonic_is_of_the_angle_that_it_follows(axis, coordinate, orders):
+    """Not of the sensor's axis that reads it."""
+    waves = dict(zip((f"c{k}" for k in range(10)), np.eye(10)[8], strict=True))
+    curve = LearnedReading(waves, "accel", axis, coordinate=coordinate)
+    assert harmonic_of(curve, bench().rig) == orders

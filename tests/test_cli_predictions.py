@@ -55,6 +55,20 @@ def test_a_noiseless_recording_is_predicted_at_rest_in_its_own_columns_and_units
         assert np.abs(model.column(name) - told.column(name))[rest].max() * unit < 1e-9
 
 
+@pytest.mark.usefixtures("here")
+def test_what_follows_a_temperature_that_was_not_recorded_is_told(good, capsys):
+    bench = (good / "bench.toml").read_text()
+    heated = '[[effect]]\nid = "acc_temp_bias"\nsensor = "accel"\ntemp_bias_x_ug_degC = 20.0\n'
+    Path("heated.toml").write_text(bench + heated)
+    told = read_recording(good / "run.csv")
+    kept = {n: told.column(n) for n in told.column_names if not n.startswith("temperature")}
+    write_recording(Recording.from_columns(told.time, kept), "cold.csv")
+    predicted("heated.toml", "cold.csv")
+    assert "cold.csv: no column temperature_degC, so nothing" in capsys.readouterr().err
+    predicted(good / "bench.toml", "cold.csv")
+    assert "temperature" not in capsys.readouterr().err
+
+
 def at_rest(good):
     """Rows well inside the dwells of run.csv."""
     time = read_recording(good / "run.csv").time

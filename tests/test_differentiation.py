@@ -281,7 +281,7 @@ def test_what_rings_at_rest_is_as_uncertain_as_its_rates(rng):
 
 def test_the_noise_of_a_rate_says_how_far_a_few_samples_of_a_ramp_are_off():
     """A ramp within ten samples of a readout without noise: no polynomial fits it, and the
-    narrowest one is off by what it bends beyond.
+    narrowest one is off by what it bends beyond; so is the line of the turn after it, a little.
     """
     step = 0.04
     time = np.arange(0, 20, step)
@@ -290,7 +290,6 @@ def test_the_noise_of_a_rate_says_how_far_a_few_samples_of_a_ramp_are_off():
     ramp = 0.4 * 0.7 * (u**3 - u**4 / 2)
     angle = ramp + 0.7 * np.maximum(time - 8.4, 0.0)
     found = differentiate(time, angle, time < 8.0)
-    on = (time > 8.0) & (time < 8.4)
-    off = np.abs(found.rate - rate)[on]
+    off = np.abs(found.rate - rate)
     assert off.max() > 1e-3
-    assert (off < 2 * found.noise[on]).all()
+    assert (off < 2 * found.noise + 1e-12).all()

@@ -1,6 +1,6 @@
 """``tiltcal simulate``."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from itertools import combinations
 from pathlib import Path
@@ -14,6 +14,8 @@ from tiltcal.cli.options import DEFAULT_BUDGET, SEED, Json, MoreBudget, Scenario
 from tiltcal.cli.output import print_json, progress_line, require_output, stdout_bytes, tell
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import replacing, write_json
+from tiltcal.effects.base import Effect
+from tiltcal.effects.learned import Learned
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.csv_files import csv_writer
 from tiltcal.recordings.pieces import writing
@@ -68,7 +70,18 @@ def simulate(
             if truth_file is not None:
                 write_json(truth_file, truth_table(scenario, used))
             _write(pieces, output, as_json)
+    if replayed is not None and replayed.temperature() is None:
+        _tell_of_temperature(scenario.effects, replayed.source)
     return 0
+
+
+def _tell_of_temperature(effects: Sequence[Effect], motion: str) -> None:
+    """Say which effects a recording without temperatures leaves out."""
+    curves = [e for e in effects if isinstance(e, Learned) and e.coordinate == "temperature"]
+    following = [e for e in effects if e.needs == "temperature"] + curves
+    if following:
+        ids = ", ".join(dict.fromkeys(e.id for e in following))
+        tell(f"{motion}: no column temperature_degC, so nothing is predicted of {ids}")
 
 
 def _require_different(files: Mapping[str, Path | None]) -> None:

@@ -51,6 +51,7 @@ class Side:
         last: row of the rest's last sample, (k,); rows: how many it has, (k,).
         end: first row after the move, (k,).
         level, slope: of the rest at its last sample, rad, and of the turn per sample, (k,).
+        variance: of the slope, rad2, (k,).
         noise: standard deviation of the angle at each stamp, rad, (n,).
     """
 
@@ -61,6 +62,7 @@ class Side:
     end: Index
     level: Array
     slope: Array
+    variance: Array
     noise: Array
 
     def beside(self, which: Index, rows: Index) -> tuple[Array, Array]:
@@ -94,23 +96,26 @@ def side_of(
     end = np.minimum(np.append(first[1:], n), limits[np.searchsorted(limits, after)])
     least = np.where(kind[first] == 2, REST[0], TURN)
     left = np.flatnonzero((after < end) & (after - first >= least))
-    lines = np.zeros((len(left), 2))
+    lines = np.zeros((len(left), 3))
     for k, row in enumerate(left):
         last = slice(max(first[row], after[row] - REST[1]), after[row])
         turns = kind[first[row]] == 1
         lines[k] = _line(time[last] - time[after[row] - 1], angle[last], noise[last], turns)
     rows = (after - first)[left]
-    level, slope = lines.T
-    return Side(time, angle, after[left] - 1, rows, end[left], level, slope, noise)
+    level, slope, variance = lines.T
+    return Side(time, angle, after[left] - 1, rows, end[left], level, slope, variance, noise)
 
 
-def _line(time: Array, angle: Array, noise: Array, turns: bool) -> tuple[float, float]:
-    """Level at no time and slope of a rest, where that is none, or of a steady turn. time: (n,)."""
+def _line(time: Array, angle: Array, noise: Array, turns: bool) -> tuple[float, float, float]:
+    """Level at no time and slope of a rest, where that is none, or of a steady turn, and the
+    variance of the slope. time: (n,).
+    """
     if not turns:
-        return float(angle.mean()), 0.0
+        return float(angle.mean()), 0.0, 0.0
     columns = np.column_stack([np.ones_like(time), time]) / noise[:, None]
     level, slope = np.linalg.lstsq(columns, angle / noise, rcond=None)[0]
-    return float(level), float(slope)
+    middle = time @ noise**-2 / (noise**-2).sum()
+    return float(level), float(slope), float(1 / ((time - middle) ** 2 @ noise**-2))
 
 
 @lru_cache(maxsize=256)
@@ -205,8 +210,9 @@ def corner_at(side: Side, k: int, width: int, powers: tuple[float, ...], instant
     )[0]
     rate, bend, _ = _derivatives(u, c, powers)
     left = (beyond[0] - sum(a * u**p for a, p in zip(c, powers, strict=True))) / noise
-    errors = _errors(u, c, noise, powers, left)
-    return Corner(rows, since <= NEAR, rate + side.slope[k], bend, *errors)
+    error, bending = _errors(u, c, noise, powers, left)
+    error = error + side.variance[k]
+    return Corner(rows, since <= NEAR, rate + side.slope[k], bend, error, bending)
 
 
 def _errors(

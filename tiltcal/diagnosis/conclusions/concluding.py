@@ -214,7 +214,7 @@ def amended_of(
     if reference is None and temperature is not None:
         reference = float(np.mean(temperature))
     meanings = [e for e in observations.scenario.effects if e.repair]
-    own: list[Effect] = [*fitted.known, *meanings, *(t.effect for t in fitted.nuisance)]
+    own: list[Effect] = [*fitted.known, *meanings, *fitted.calibration()]
     own += [f.effect for f in faults if f.effect not in own]
     marked: list[tuple[Effect, int | None]] = [
         (e, next((k for k, f in enumerate(faults, 1) if f.effect == e), None)) for e in own

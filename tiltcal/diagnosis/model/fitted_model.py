@@ -3,7 +3,7 @@ residual.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -120,9 +120,23 @@ class FittedModel:
     def sigmas(self, k: int) -> Array:
         """Standard uncertainties of the values of found term k, SI. (values,)."""
         assert self.covariance is not None
-        before = [*self.nuisance, *self.terms[:k]]
-        start = sum(len(t.names) for t in before)
-        part = slice(start, start + len(self.terms[k].names))
+        return self._sigmas(len(self.nuisance) + k)
+
+    def calibration(self) -> list[Effect]:
+        """The adjustable terms, with their standard uncertainties where they were fitted."""
+        if self.covariance is None:
+            return [t.effect for t in self.nuisance]
+        return [
+            replace(t.effect, sigmas=dict(zip(t.names, self._sigmas(k).tolist(), strict=True)))
+            for k, t in enumerate(self.nuisance)
+        ]
+
+    def _sigmas(self, place: int) -> Array:
+        """Of the values of a term among all, nuisance first, SI. (values,)."""
+        assert self.covariance is not None
+        every = [*self.nuisance, *self.terms]
+        start = sum(len(t.names) for t in every[:place])
+        part = slice(start, start + len(every[place].names))
         return np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
 
 

@@ -9,11 +9,11 @@ from diagnosis_fixtures import bench, honest, recorded, shorter, turns
 from tiltcal.core.errors import TiltcalError
 from tiltcal.diagnosis.conclusions.statements import harmonic_of
 from tiltcal.diagnosis.data_quality.heading import with_heading
-from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
+from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 300.0}
 
@@ -40,13 +40,20 @@ def test_an_effect_that_is_adjustable_anyway_is_one_term():
     assert len(places) == len(set(places)) == 3
 
 
-def north_table(heading: object, **site: object) -> Scenario:
+def test_noise_that_is_to_be_fitted_is_no_term():
+    known = with_effects(
+        bench(), {"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 25.0, "fit": True}
+    )
+    assert len(adjustable(known)) == len(adjustable(bench()))
+
+
+def north_table(heading: object) -> Scenario:
     """A vertical table with a FOG that lies 37 deg off level."""
     return parse_scenario(
         {
             "schema": 1,
             "name": "north",
-            "site": {"gravity_m_s2": 9.81, "latitude_deg": 45.0, "heading_deg": heading, **site},
+            "site": {"gravity_m_s2": 9.81, "latitude_deg": 45.0, "heading_deg": heading},
             "rig": {"table": "vertical"},
             "sensor": [
                 {
@@ -64,26 +71,30 @@ def north_table(heading: object, **site: object) -> Scenario:
     )
 
 
-@pytest.mark.parametrize("heading", [37.0, 251.0])
+@pytest.mark.parametrize("heading", [37.0, 180.0, 251.0])
 def test_an_unknown_heading_is_found_and_told(heading):
     recording = recorded(north_table(heading), 4)
     unknown = honest(north_table("unknown"))
-    found = with_heading(unknown, lambda one: prepare(one, [recording]))
-    assert found.observations.scenario.site.heading_deg == pytest.approx(heading, abs=3.0)
-    (note,) = (n for n in found.notes if n.startswith("heading_deg was unknown"))
+    found, (note,) = with_heading(unknown, [recording], WhiteFlickerWalk)
     sigma = float(note.split("+- ")[1].split()[0])
-    assert abs(found.observations.scenario.site.heading_deg - heading) < 4 * sigma
+    assert abs(found.site.heading_deg - heading) < 4 * sigma
     assert sigma < 1.0
 
 
+def test_a_diagnosis_of_an_unknown_heading_uses_it():
+    answer = diagnose(honest(north_table("unknown")), [recorded(north_table(180.0), 4)])
+    assert not any("magnetic" in str(f.effect) or f.stage == "data" for f in answer.findings)
+    assert answer.amended["site"]["heading_deg"] == pytest.approx(180.0, abs=3.0)
+
+
 def test_a_heading_that_no_sensor_feels_stays_unknown():
-    scenario = honest(shorter(bench(), 6))
-    unknown = scenario.model_copy(
-        update={"site": scenario.site.model_copy(update={"heading_deg": "unknown"})}
-    )
-    recording = recorded(shorter(bench(), 6), 4)
-    found = with_heading(unknown, lambda one: prepare(one, [recording]))
-    assert found.observations.scenario.site.heading_deg == "unknown"
+    unknown = honest(north_table("unknown"))
+    sensors = [s.model_copy(update={"input_axis": (0.0, 0.0, 1.0)}) for s in unknown.sensor]
+    level = unknown.model_copy(update={"sensor": tuple(sensors)})
+    truth = north_table(37.0)
+    upright = [s.model_copy(update={"input_axis": (0.0, 0.0, 1.0)}) for s in truth.sensor]
+    recording = recorded(truth.model_copy(update={"sensor": tuple(upright)}), 4)
+    assert with_heading(level, [recording], WhiteFlickerWalk) == (level, ())
 
 
 def test_unknown_may_be_written_as_the_heading():

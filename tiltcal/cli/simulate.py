@@ -77,7 +77,8 @@ def simulate(
 
 def _tell_of_temperature(effects: Sequence[Effect], motion: str) -> None:
     """Say which effects a recording without temperatures leaves out."""
-    curves = [e for e in effects if isinstance(e, Learned) and e.coordinate == "temperature"]
+    learned = [e for e in effects if isinstance(e, Learned)]
+    curves = [e for e in learned if "temperature" in (e.coordinate, e.times)]
     following = [e for e in effects if e.needs == "temperature"] + curves
     if following:
         ids = ", ".join(dict.fromkeys(e.id for e in following))

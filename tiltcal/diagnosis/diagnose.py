@@ -183,10 +183,10 @@ def _prepared(
     """The recordings with their faults repaired, and those that were found when they were read."""
     seen = [fault for r in given for fault in r.faults]
     recordings = [r.recording for r in given]
-    prepared = with_heading(scenario, lambda one: prepare(one, recordings, noise, seen))
-    return replace(
-        prepared, left_out=(*(rows for r in given for rows in r.left_out), *prepared.left_out)
-    )
+    scenario, told = with_heading(scenario, recordings, noise)
+    prepared = prepare(scenario, recordings, noise, seen)
+    left_out = (*(rows for r in given for rows in r.left_out), *prepared.left_out)
+    return replace(prepared, left_out=left_out, notes=(*prepared.notes, *told))
 
 
 def _saying(answer: Diagnosis, given: Sequence[LongRecording]) -> Diagnosis:

@@ -75,17 +75,13 @@ def _bias_of_narrowest(u: Array, noise: Array) -> Array:
     """Expected squares of what the narrowest windows are off where their polynomials bend too
     little, (2, n).
     """
-    n, beyond = len(u), WIDTHS[1] // 2
+    n, half, beyond = len(u), WIDTHS[0] // 2, WIDTHS[1] // 2
     if n < WIDTHS[1]:
         return np.zeros((2, n))
-    narrow = _weights(WIDTHS[0], WIDTHS[0] // 2, DEGREES[0])
-    wider = _weights(WIDTHS[1], beyond, DEGREES[1])
-    return np.array(
-        [
-            np.pad(_bias(u, more - np.pad(weights, 1), noise[beyond : n - beyond]), beyond, "edge")
-            for weights, more in zip(narrow, wider, strict=True)
-        ]
-    )
+    narrow = np.pad(_weights(WIDTHS[0], half, DEGREES[0]), ((0, 0), (beyond - half,) * 2))
+    more = np.array(_weights(WIDTHS[1], beyond, DEGREES[1])) - narrow
+    squares = [_bias(u, weights, noise[beyond : n - beyond]) for weights in more]
+    return np.pad(squares, ((0, 0), (beyond, beyond)), "edge")
 
 
 def _ends(n: int) -> tuple[int, ...]:

@@ -4,47 +4,59 @@ The Earth's horizontal rate is linear in cosine and sine of the heading, so the 
 calibration is a trigonometric polynomial of the second order: five headings tell all of it.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data_quality.prepare import PreparedData
+from tiltcal.diagnosis.data.observe import observe
+from tiltcal.diagnosis.data_quality.prepare import calibrated
 from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.dwell_noise import robust_white
+from tiltcal.statistics.noise_spectrum import NoiseModel
 
 TRIED = 5  # headings: as many as the polynomial has coefficients
 GRID = np.deg2rad(np.arange(0.0, 360.0, 0.01))
 RIVAL = 9.0  # of deviance: 3 sigma of one degree of freedom
 
 
-def with_heading(scenario: Scenario, prepared: Callable[[Scenario], PreparedData]) -> PreparedData:
-    """Recordings prepared at the heading that fits best, where it is unknown and a sensor reads the
-    Earth's rate; a note says which.
+def with_heading(
+    scenario: Scenario, recordings: Sequence[Recording], law: type[NoiseModel]
+) -> tuple[Scenario, tuple[str, ...]]:
+    """The set-up at the heading that fits best, and a note that says which, where it is unknown and
+    the recordings tell it; else as it was.
 
     Args:
         scenario: what is known of the set-up.
-        prepared: the recordings, by a scenario.
+        recordings: of it, as they were read: a fault of theirs is the same at every heading.
+        law: kind of noise model.
     """
     site = scenario.site
     rates = [s for s in scenario.sensor if not s.is_accelerometer]
     unknown = site.heading_deg == "unknown" and site.latitude_deg is not None
     if not (unknown and rates and scenario.rig.axes):
-        return prepared(scenario)
+        return scenario, ()
     headings = 360.0 / TRIED * np.arange(TRIED)
-    tried = [prepared(_at(scenario, h)) for h in headings]
-    deviance, curvature = _over_the_circle(np.deg2rad(headings), _deviances(tried))
+    tried = [_left(_at(scenario, h), recordings, law) for h in headings]
+    noise = [robust_white(r) for r in tried[0]]
+    each = [
+        sum(float(r @ r) / s**2 for r, s in zip(left, noise, strict=True) if s > 0)
+        for left in tried
+    ]
+    deviance, curvature = _over_the_circle(np.deg2rad(headings), np.array(each))
+    if np.ptp(deviance) < RIVAL:  # any heading fits
+        return scenario, ()
     best = int(np.argmin(deviance))
-    if not curvature[best] > 0:  # nothing reads the horizontal rate
-        return prepared(scenario)
     heading, sigma = np.rad2deg(GRID[best]), np.rad2deg(np.sqrt(2 / curvature[best]))
     lowest = (deviance < np.roll(deviance, 1)) & (deviance < np.roll(deviance, -1))
     near = np.rad2deg(GRID[lowest & (deviance - deviance[best] < RIVAL)])
     others = "".join(f" or {h:.2f}" for h in near if h != heading)
-    told = f"heading_deg was unknown: {heading:.2f} +- {sigma:.2f}{others} fits best, with the rest"
-    found = prepared(_at(scenario, float(heading)))
-    return replace(found, notes=(*found.notes, f"{told} of the calibration; it is used"))
+    told = (
+        f"heading_deg was unknown: {heading:.2f} +- {sigma:.2f} (in white noise){others} fits best,"
+        " with the rest of the calibration; it is used"
+    )
+    return _at(scenario, float(heading)), (told,)
 
 
 def _at(scenario: Scenario, heading: float) -> Scenario:
@@ -53,15 +65,15 @@ def _at(scenario: Scenario, heading: float) -> Scenario:
     return scenario.model_copy(update={"site": site})
 
 
-def _deviances(tried: Sequence[PreparedData]) -> Array:
-    """Of each, under the white noise of the one that leaves least, (n,)."""
-    left = [
-        [c.weighed(r) for c, r in zip(o.channels, o.residuals(each.start.effects), strict=True)]
-        for each, o in ((each, each.observations) for each in tried)
-    ]
-    energies = np.array([[float(r @ r) for r in channels] for channels in left])
-    least = left[int(np.argmin(energies.sum(axis=1)))]
-    return np.asarray(energies @ [1 / robust_white(r) ** 2 for r in least])
+def _left(
+    scenario: Scenario, recordings: Sequence[Recording], law: type[NoiseModel]
+) -> list[Array]:
+    """What the calibrated set-up leaves of each channel, its rows weighed, (n,) each."""
+    known = [e for e in scenario.effects if not e.repair]
+    observations = observe(scenario, recordings, known)
+    start, _ = calibrated(observations, law)
+    left = observations.residuals(start.effects)
+    return [c.weighed(r) for c, r in zip(observations.channels, left, strict=True)]
 
 
 def _over_the_circle(headings: Array, deviance: Array) -> tuple[Array, Array]:

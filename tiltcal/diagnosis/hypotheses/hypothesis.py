@@ -123,7 +123,7 @@ def adjustable(scenario: Scenario) -> list[Hypothesis]:
                     for axis in cls.axes_on(scenario.rig)
                 ]
     for effect in scenario.effects:
-        if effect.fit:
+        if effect.fit and not effect.random:  # the noise is estimated anyway
             bound = scenario.named(effect.sensor) if effect.sensor else None
             one = _hypothesis(
                 type(effect), scenario, bound, effect.axis, effect.values, "calibration"

@@ -73,7 +73,8 @@ def triads():
 @pytest.fixture(scope="module")
 def fog():
     time = np.arange(3000) / 50.0
-    rate = np.column_stack([np.sin((0.5 + 0.2 * k) * time) * (time % 20 > 5) for k in range(3)])
+    moving = np.sin(np.pi * np.clip((time % 20 - 5) / 15, 0, 1)) ** 2  # begun and ended smoothly
+    rate = np.column_stack([np.sin((0.5 + 0.2 * k) * time) * moving for k in range(3)])
     columns = {f"gyro_{a}_rad_s": rate[:, k] for k, a in enumerate("xyz")} | {
         "fog_a_rad_s": rate @ FOG.named("fog").input_vector
     }
@@ -127,6 +128,26 @@ def assert_alike(observations, effect, around):
         assert np.linalg.norm(column - expected) <= 0.02 * scale + 1e-11, observations.channels[
             i
         ].name
+
+
+def test_a_noisy_gyro_turned_across_the_axis_of_a_fog_shows_no_scale_factor():
+    """The FOG senses no turn: its scale factor's column is the gyro's noise, which is in what the
+    FOG should read as well. The correlation of the two is 0 only where no sample tells its own.
+    """
+    time, across = np.arange(3000) / 50.0, np.array([0.8, -0.6, 0.0])  # at right angles to the axis
+    rate = np.outer(np.where(time % 20 > 5, np.sin(0.5 * time), 0.0), across)
+    scores = []
+    for rng in (np.random.default_rng(seed) for seed in range(20)):
+        read = rate + 3e-4 * rng.standard_normal(rate.shape)
+        columns = {f"gyro_{a}_rad_s": read[:, k] for k, a in enumerate("xyz")}
+        columns["fog_a_rad_s"] = 2e-5 * rng.standard_normal(len(time))
+        observations = observe(FOG, [Recording.from_columns(time, columns)])
+        effect = one(observations, "fog_scale", {"scale_a_ppm": 300.0}, "fog")
+        column = observations.columns(effect, ["scale_a"], ())[0][1][0]
+        products = column * observations.residuals(())[0]
+        scores.append(products.sum() / np.sqrt((products**2).sum()))
+    # the products of two samples that tell each other are alike: up to twice the variance
+    assert abs(np.mean(scores)) < 4 * np.sqrt(2 / len(scores))
 
 
 @pytest.mark.parametrize("id", SMALL)

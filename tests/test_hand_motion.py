@@ -7,7 +7,7 @@ from tiltcal.core.units import DEG
 from tiltcal.laboratory.hand_motion import HandMotion, smoothed_readings
 from tiltcal.laboratory.handheld import predicted_readings
 from tiltcal.laboratory.scenario import parse_scenario
-from tiltcal.laboratory.smoothing import smoothed, stops_of
+from tiltcal.laboratory.smoothing import smoothed, stops_of, told_by_others
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.penalised_spline import most_probable_course
 
@@ -184,13 +184,26 @@ def test_a_quartic_is_smoothed_to_itself_at_uneven_stamps(pause):
     time = 0.02 * np.arange(300) + rng.uniform(-0.004, 0.004, 300)
     course = np.column_stack([1 + time - 3 * time**2, 0.2 * time**4 - time**3])
     read = np.arange(300)
-    found = smoothed(time + np.where(read < 150, 0.0, pause), course, np.full(300, -1))
+    found, _ = smoothed(time + np.where(read < 150, 0.0, pause), course, np.full(300, -1))
     inside = (read >= 15) & (read < 285)
     away = inside & (np.abs(read - 149.5) > 15 if pause else True)
     np.testing.assert_allclose(found[away], course[away], rtol=0, atol=1e-9)
     # beside a pause by what is near, on one side: to a hundredth of a sample
     step = np.abs(np.diff(course, axis=0)).max(axis=0)
     assert np.all(np.abs(found - course)[inside] < 0.01 * step)
+
+
+def test_what_the_others_tell_of_a_sample_does_not_change_with_it():
+    rng = np.random.default_rng(7)
+    time, read = 0.02 * np.arange(200), rng.standard_normal((200, 3))
+    stop = np.where((time > 1) & (time < 2), 0, -1)
+    told = told_by_others(read, *smoothed(time, read, stop))
+    for row in (20, 75, 150):  # of a turn, a rest, a turn
+        other = read.copy()
+        other[row] += 1e-3
+        changed = told_by_others(other, *smoothed(time, other, stop))
+        np.testing.assert_allclose(changed[row], told[row], rtol=0, atol=1e-12)
+        assert np.all(changed[row + 1] != told[row + 1])
 
 
 @pytest.mark.parametrize("tremor", [0.0, 0.5])

@@ -19,10 +19,22 @@ def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None)
     """A triad's readings without gaps, and a gyro's without most of its noise, (m, 3): that would
     be taken for motion.
     """
-    samples = motion.sensor(sensor)
+    return _smooth(sensor, motion, stop)[0]
+
+
+def independent_readings(sensor: Sensor, motion: Recording, stop: Index) -> Array:
+    """Quiet readings of a triad, of a gyro each told by the other samples, (m, 3): what a sample is
+    compared with, its own noise would explain.
+    """
+    return told_by_others(bridged(sensor, motion), *_smooth(sensor, motion, stop))
+
+
+def _smooth(sensor: Sensor, motion: Recording, stop: Index | None) -> tuple[Array, Array]:
+    """A triad's quiet readings, and the weight of each sample in its own, (m, 3)."""
     y = bridged(sensor, motion)
     if sensor.kind != "gyro":
-        return y
+        return y, np.ones(y.shape)
+    samples = motion.sensor(sensor)
     stop = stops_of(motion) if stop is None else stop
     return smoothed(samples.time, y, stop[samples.rows])
 
@@ -35,9 +47,9 @@ AT_ONCE = 2**14  # windows
 HALF_WINDOWS = (3, 4, 5, 6, 8, 10, 12, 15)  # samples
 
 
-def smoothed(time: Array, values: Array, stop: Index) -> Array:
+def smoothed(time: Array, values: Array, stop: Index) -> tuple[Array, Array]:
     """Rates of a hand-held body without most of their noise, (m, k): local quartics while moving,
-    means at rest.
+    means at rest; and the weight of each sample in its own value, (m, k).
 
     The window is the longest that leaves no more of any channel than the shorter ones do (their
     residual is noise only).
@@ -46,25 +58,44 @@ def smoothed(time: Array, values: Array, stop: Index) -> Array:
         time: s, increasing, (m,); values: (m, k).
         stop: number of the dwell of each, -1 while moving, (m,).
     """
+    found, weight = values.copy(), np.ones(values.shape)
     if len(values) < 4 * HALF_WINDOWS[-1]:
-        return values
-    found = values.copy()
+        return found, weight
     trials = [_quartics(time, values, half) for half in HALF_WINDOWS]
     for k in range(values.shape[1]):
         left = np.array(
-            [np.std(values[:, k] - smooth[:, k]) / np.sqrt(1 - own) for smooth, own in trials]
+            [
+                np.std(values[:, k] - smooth[:, k]) / np.sqrt(1 - own.mean())
+                for smooth, own in trials
+            ]
         )
         good = [j for j in range(len(left)) if left[j] <= LEVEL * left[: j + 1].min()]
-        found[:, k] = trials[max(good)][0][:, k]
+        smooth, own = trials[max(good)]
+        found[:, k], weight[:, k] = smooth[:, k], own
     for number in range(int(stop.max(initial=-1)) + 1):
         there = stop == number
-        found[there] = values[there].mean(axis=0)
-    return found
+        found[there], weight[there] = values[there].mean(axis=0), 1 / there.sum()
+    return found, weight
 
 
-def _quartics(time: Array, values: Array, half: int) -> tuple[Array, float]:
-    """Local quartic fits over 2 half + 1 samples, (m, k), and the weight of a sample in its own
-    value, on average. time: (m,); values: (m, k).
+def told_by_others(values: Array, smooth: Array, weight: Array) -> Array:
+    """What a smoother says of each sample by all others, (m, k): its noise is not in it.
+
+    A regressor with the noise of its own sample would explain that noise (jackknife instrumental
+    variables: Angrist, Imbens, Krueger, J. Appl. Econometrics 14, 1999).
+
+    Args:
+        values, smooth: as read and smoothed linearly; weight: of each sample in its own value; all
+            (m, k). A sample that nothing else tells (weight 1) stays as it is.
+    """
+    others = 1 - weight
+    told = others > UNTOLD
+    return np.where(told, (smooth - weight * values) / np.where(told, others, 1.0), smooth)
+
+
+def _quartics(time: Array, values: Array, half: int) -> tuple[Array, Array]:
+    """Local quartic fits over 2 half + 1 samples, (m, k), and the weight of each sample in its own
+    value, (m,). time: (m,); values: (m, k).
     """
     padded = [np.pad(each, half, mode="reflect", reflect_type="odd") for each in (time, *values.T)]
     found, own = np.empty_like(values), np.empty(len(time))
@@ -74,7 +105,7 @@ def _quartics(time: Array, values: Array, half: int) -> tuple[Array, float]:
             sliding_window_view(each[first : part.stop + 2 * half], 2 * half + 1) for each in padded
         )
         found[part], own[part] = _at_middles(stamps, read)
-    return found, float(own.mean())
+    return found, own
 
 
 def _at_middles(time: Array, values: Sequence[Array]) -> tuple[Array, Array]:

@@ -1,6 +1,6 @@
 """One recording turned by hand: its rests, and what its own sensors say of its motion."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,7 +14,7 @@ from tiltcal.effects.base import Effect
 from tiltcal.forward.gravity_transport import GravityTransport, Windows, turns_between
 from tiltcal.laboratory.handheld import inverted, whole
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.laboratory.smoothing import bridged, quiet_readings
+from tiltcal.laboratory.smoothing import bridged, independent_readings, quiet_readings
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 
@@ -107,18 +107,37 @@ class HandheldRecording:
             return None
         return Windows.around(self.recording.time, spans)
 
+    @cached_property
+    def independent(self) -> dict[str, Array]:
+        """Readings of the triads by which a FOG's errors change, each sample told by the others. By
+        triad, SI, (n, 3).
+        """
+        if not self.scenario.sensors("fog"):
+            return self.readings
+        triads = (*self.accelerometers, *self.gyros)
+        return {s.name: independent_readings(s, self.recording, self.stop) for s in triads}
+
     def state(self, effects: Sequence[Effect]) -> MotionState:
         """The motion under some effects."""
+        return self._state(effects, self.readings)
+
+    def _state(self, effects: Sequence[Effect], readings: Mapping[str, Array]) -> MotionState:
         n = len(self.recording)
         force, rate = np.full((n, 3), np.nan), np.zeros((n, 3))
         for triad in self.accelerometers:
-            force = self._inverted(triad, effects, None)
+            force = self._inverted(triad, effects, None, readings)
         for gyro in self.gyros:
-            rate = self._inverted(gyro, effects, force)
+            rate = self._inverted(gyro, effects, force, readings)
         return MotionState(effects, force, rate)
 
-    def _inverted(self, triad: Sensor, effects: Sequence[Effect], force: Array | None) -> Array:
-        read = self.readings[triad.name]
+    def _inverted(
+        self,
+        triad: Sensor,
+        effects: Sequence[Effect],
+        force: Array | None,
+        readings: Mapping[str, Array],
+    ) -> Array:
+        read = readings[triad.name]
         inputs = inverted(triad, self.scenario, self.recording, effects, force, read)
         return whole(self.recording, triad, inputs)
 
@@ -134,7 +153,7 @@ class HandheldRecording:
             self.stop,
             effects,
             state.force,
-            state.rate,
+            self._state(effects, self.independent).rate,
             matrices,
             carried,
         )

@@ -24,6 +24,7 @@ from tiltcal.diagnosis.conclusions.statements import (
     next_step,
     shown,
     stage_of,
+    step_for_one,
     sums_only,
 )
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw, whole_law
@@ -116,7 +117,9 @@ def _unlisted(
         statement=f"{words[0].upper()}{words[1:]}: no named effect has this form{other}."
         + fitted_as(finding.parts)
         + (seen.words if seen else ""),
-        next_measurement=next_step((), effect),
+        next_measurement=next_step((), effect)
+        if finding.where.recording is None
+        else step_for_one(finding.where.recording),
     )
 
 

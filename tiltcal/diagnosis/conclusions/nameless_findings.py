@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
+from tiltcal.diagnosis.conclusions.statements import step_for_one
 from tiltcal.diagnosis.search.claimed_causes import CLAIM
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.moving_tones import MovingTone
@@ -44,7 +45,9 @@ def _slow(slow: SlowVariation) -> Finding:
         slow.probability,
         f"Slow variation of {slow.sensor} {', '.join(slow.axes)}{place} that no listed effect"
         f" explains: {slow.times:.0f} times the slow noise of {beside}.",
-        "record the instrument at rest for as long, to see whether it varies without motion",
+        step_for_one(slow.recording)
+        if slow.recording
+        else "record the instrument at rest for as long, to see whether it varies without motion",
         "time",
     )
     where = replace(found.where, recording=place.strip() or None)

@@ -218,6 +218,14 @@ def next_step(names: tuple[str, ...], effect: Effect) -> str:
     return f"record {effect.excited_by} again, to confirm"
 
 
+def step_for_one(recording: str) -> str:
+    """What to do about a cause without a name that not all recordings have. recording: in words."""
+    return (
+        f"diagnose {recording.removeprefix('in ')} apart from the others: of several recordings"
+        " only laws that all of them share have a name"
+    )
+
+
 def summary(
     findings: tuple[Finding, ...],
     verdict: str,

@@ -71,6 +71,9 @@ class AdcInl(PerChannel):
     source = "PHYSICS 3.6; AD7705 (0.003 % of full scale)"
     excited_by = "the whole input range"
     look = "as K2, but tied to the voltage"
+    told_apart_by = dict.fromkeys(
+        ("acc_K2", "acc_K3"), "no pose: another gain of the converter, or a known voltage fed to it"
+    )
     linear = True
     form = "any"
     family = Family(reading=("input",))

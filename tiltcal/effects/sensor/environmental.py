@@ -68,6 +68,7 @@ class AccTempBias(FollowsTemperature):
     told_apart_by = {
         "acc_drift": "take the temperature up and down again",
         "acc_warmup": "restart at a settled temperature",
+        "acc_bias_step": "take the temperature up and down again",
     }
 
 

@@ -97,6 +97,17 @@ def test_a_heading_that_no_sensor_feels_stays_unknown():
     assert with_heading(level, [recording], WhiteFlickerWalk) == (level, ())
 
 
+def test_a_missing_latitude_is_noted():
+    """Without it the Earth's rate is found as an error of the FOG."""
+    truth = north_table(37.0)
+    recording = recorded(truth, 4)
+    site = truth.site.model_copy(update={"latitude_deg": None})
+    nowhere = truth.model_copy(update={"site": site})
+    found, (note,) = with_heading(nowhere, [recording], WhiteFlickerWalk)
+    assert found == nowhere
+    assert note.startswith("latitude_deg is not stated: the model of fog has no Earth's rate")
+
+
 def test_unknown_may_be_written_as_the_heading():
     table = north_table(0.0).model_dump(exclude_defaults=True, by_alias=True)
     site = {"gravity_m_s2": 9.81, "latitude_deg": 45.0}

@@ -27,7 +27,6 @@ from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.dwell_noise import white_at_rest
 
 
@@ -598,13 +597,6 @@ def test_recordings_that_no_diagnosis_can_use_are_refused(truth, sound):
     empty = rewritten(sound, accel_x_m_s2=np.full(len(sound), np.nan))
     with pytest.raises(TiltcalError, match="no reading of its axis x"):
         diagnose(scenario, [empty])
-    fog = Sensor(name="fog", kind="fog", axes=("a",), input_axis=(0.0, 0.0, 1.0), rate_hz=50.0)
-    nowhere = scenario.site.model_copy(update={"latitude_deg": None})
-    beside = scenario.model_copy(update={"site": nowhere, "sensor": (*scenario.sensor, fog)})
-    columns = {n: sound.column(n) for n in sound.column_names}
-    columns["fog_a_deg_h"] = np.zeros(len(sound))
-    with pytest.raises(TiltcalError, match="no latitude_deg, and fog"):
-        diagnose(beside, [Recording.from_columns(sound.time, columns)])
 
 
 def test_columns_of_no_sensor_are_reported(truth, sound):

@@ -58,7 +58,7 @@ class Resimulation:
         if self.refused:
             return f"not re-simulated: {self.refused}"
         if not self.samples:
-            return "not re-simulated: no channel of the recording is like one of the simulator's"
+            return "not re-simulated: the simulator predicts none of the channels that were fitted"
         return (
             f"re-simulated with the amended scenario: residual {self.rms:.3f} of a sample's noise"
             f" rms; the simulator and the fitted algebra differ by {self.algebra:.2g} at most"

@@ -1,4 +1,5 @@
-"""An unknown heading of the table, found from the Earth's rate that FOGs and gyros read.
+"""An unknown heading of the table, found from the Earth's rate that FOGs and gyros read; a note
+where the latitude is missing.
 
 The Earth's horizontal rate is linear in cosine and sine of the heading, so the deviance beside the
 calibration is a trigonometric polynomial of the second order: five headings tell all of it.
@@ -19,13 +20,17 @@ from tiltcal.statistics.noise_spectrum import NoiseModel
 TRIED = 5  # headings: as many as the polynomial has coefficients
 GRID = np.deg2rad(np.arange(0.0, 360.0, 0.01))
 RIVAL = 9.0  # of deviance: 3 sigma of one degree of freedom
+NO_LATITUDE = (
+    "latitude_deg is not stated: the model of {} has no Earth's rate, which then counts as an error"
+    " of the sensor"
+)
 
 
 def with_heading(
     scenario: Scenario, recordings: Sequence[Recording], law: type[NoiseModel]
 ) -> tuple[Scenario, tuple[str, ...]]:
     """The set-up at the heading that fits best, and a note that says which, where it is unknown and
-    the recordings tell it; else as it was.
+    the recordings tell it; else as it was, with a note where the latitude is missing.
 
     Args:
         scenario: what is known of the set-up.
@@ -33,9 +38,12 @@ def with_heading(
         law: kind of noise model.
     """
     site = scenario.site
-    rates = [s for s in scenario.sensor if not s.is_accelerometer]
-    unknown = site.heading_deg == "unknown" and site.latitude_deg is not None
-    if not (unknown and rates and scenario.rig.axes):
+    rates = [s.name for s in scenario.sensor if not s.is_accelerometer]
+    if not (rates and scenario.rig.axes):
+        return scenario, ()
+    if site.latitude_deg is None:
+        return scenario, (NO_LATITUDE.format(", ".join(rates)),)
+    if site.heading_deg != "unknown":
         return scenario, ()
     headings = 360.0 / TRIED * np.arange(TRIED)
     tried = [_left(_at(scenario, h), recordings, law) for h in headings]

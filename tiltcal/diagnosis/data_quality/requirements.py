@@ -21,10 +21,9 @@ def require_diagnosable(
         recordings: to be diagnosed; static: the record at rest, if there is one.
 
     Raises:
-        TiltcalError: the latitude is missing; a recording has no column of any sensor, or was given
-            twice; the table moves in the record at rest.
+        TiltcalError: a recording has no column of any sensor, or was given twice; the table moves
+            in the record at rest.
     """
-    _require_latitude(scenario, recordings)
     for recording in recordings:
         if not any(recording.has(sensor) for sensor in scenario.sensor):
             _require_readings(recording, scenario.sensor[0])
@@ -39,19 +38,6 @@ def require_diagnosable(
             )
     if static is not None:
         _require_rest(scenario, static)
-
-
-def _require_latitude(scenario: Scenario, recordings: Sequence[Recording]) -> None:
-    """The Earth's rate would be taken for an error of the sensor; by hand it is part of a bias."""
-    recorded = [s for s in scenario.sensor if any(r.has(s) for r in recordings)]
-    rates = [sensor.name for sensor in recorded if sensor.quantity == "rate"]
-    if scenario.rig.axes and rates and scenario.site.latitude_deg is None:
-        raise TiltcalError(
-            f"scenario {scenario.name}, [site]",
-            found=f"no latitude_deg, and {', '.join(rates)} that read the Earth's rate",
-            need="the latitude",
-            do="add latitude_deg, in degrees, north positive",
-        )
 
 
 def _require_readings(recording: Recording, sensor: Sensor) -> None:

@@ -14,6 +14,8 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.dwell_noise import robust_white
 
+LIMIT = 2 * float(np.log(1 / ALPHA))  # of chi-square
+
 
 @dataclass(frozen=True)
 class Resimulation:
@@ -37,20 +39,13 @@ class Resimulation:
     refused: str = ""
 
     @property
-    def limit(self) -> float:
-        """What chance adds to the chi-square of so many samples in a share ALPHA of recordings."""
-        from scipy.special import chdtri
-
-        return float(chdtri(self.samples, ALPHA)) - self.samples if self.samples else np.inf
-
-    @property
     def failed(self) -> bool:
-        """Whether the simulator is further from the recording than the fit, by more than chance
-        moves a chi-square.
+        """Whether the recording is less probable by the simulator's run than by the fit, 1 / ALPHA
+        times and more.
 
-        By hand the two may differ, because each reads the motion from noisy sensors in its own way.
+        By hand the run may be the nearer one: it reads the motion from all sensors together.
         """
-        return not self.rise <= self.limit
+        return not self.rise <= LIMIT
 
     @property
     def words(self) -> str:
@@ -69,8 +64,8 @@ class Resimulation:
         """How much worse it is than the fit."""
         return (
             f"it differs by up to {self.algebra:.3g} of a sample's noise, which adds"
-            f" {self.rise:.3g} to chi-square where chance adds {self.limit:.3g} in {ALPHA:.0%} of"
-            " recordings"
+            f" {self.rise:.3g} to chi-square; from {LIMIT:.3g} the recording is {1 / ALPHA:.0f}"
+            " times less probable"
         )
 
 
@@ -98,10 +93,9 @@ def resimulate(
         there = ~np.isnan(run) & ~np.isnan(algebra)
         if there.sum() < FEWEST:
             continue
-        noise = robust_white((channel.values - algebra)[there])
-        error = (channel.values - run)[there] / noise
-        beside = (algebra - run)[there] / noise
-        of_fit = (channel.values - algebra)[there] / noise
+        read, fit, again = (channel.weighed(v)[there] for v in (channel.values, algebra, run))
+        noise = robust_white(read - fit)
+        error, of_fit, beside = (read - again) / noise, (read - fit) / noise, (fit - again) / noise
         left += float(error @ error)
         rise += float(error @ error - of_fit @ of_fit)
         count += int(there.sum())

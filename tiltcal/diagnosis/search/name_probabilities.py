@@ -25,9 +25,7 @@ TAKEN, TWICE, LISTED_TWICE = 0.15, 0.27, 0.024
 ones, the share whose name stands in the model more than once. ``docs/diagnosis_model.md`` says how
 they were learnt.
 """
-AGAIN = float(
-    np.log(priors.UNLISTED_SHARE / (1 - priors.UNLISTED_SHARE) * TAKEN * TWICE / LISTED_TWICE)
-)
+AGAIN = float(priors.UNLISTED_ODDS + np.log(TAKEN * TWICE / LISTED_TWICE))
 """Log odds of a law that no list has, of which a name explains a share and the same name the rest,
 to laws of that name.
 """
@@ -117,7 +115,7 @@ def imitation_odds(gain: float, columns: int) -> float:
     missed = ndtr(limit - signal)
     share = 2 * signal * gain / (gain + signal**2) ** 2  # density of the rest's share, by signal
     unseen = float(np.trapezoid(missed * share, signal))
-    return float(np.log(priors.UNLISTED_SHARE / (1 - priors.UNLISTED_SHARE) * min(unseen, 1.0)))
+    return priors.UNLISTED_ODDS + float(np.log(min(unseen, 1.0)))
 
 
 def coarsened(gain: float) -> float:
@@ -138,8 +136,8 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     chance = {n: float(np.exp(score[n] - whole)) for n in order}
     shown = {n: p for n, p in chance.items() if p > LEAST}
     best = {n: max((r for r in rows if r.name == n), key=lambda r: r.evidence) for n in order}
-    first = next(n for n in order if n != UNLISTED)
-    as_good = {r.name for r in rows if _behind(r, best[first]) < SEPARABLE / 2}
+    first = next((n for n in order if n != UNLISTED), "")
+    as_good = {r.name for r in rows if first and _behind(r, best[first]) < SEPARABLE / 2}
     near = [n for n in order if n not in (first, UNLISTED) and n in as_good]
     more = _needed(chance, {first, *near})
     in_doubt = UNLISTED in more
@@ -168,10 +166,12 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
 
 def _behind(row: Row, first: Row) -> float:
     """How much less a row explains than the first one, nats: by their evidence, in textbook form
-    where the first has that; or by the fit of its textbook form, however many sizes that takes.
+    where the first has that; or by the fit of its textbook form, however many sizes that takes,
+    where the first was fitted.
     """
     evidence = row.evidence if first.deviation else row.plain_evidence
-    return min(first.evidence - evidence, first.gain - row.textbook_gain)
+    behind = first.evidence - evidence
+    return min(behind, first.gain - row.textbook_gain) if first.gain > 0 else behind
 
 
 def _needed(chance: Mapping[str, float], alike: Collection[str]) -> list[str]:

@@ -34,7 +34,6 @@ from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import State, laws, refitted, with_cause, without
 from tiltcal.effects.learned import Learned
 
-NAMELESS = float(np.log(priors.EXPECTED_CAUSES * priors.UNLISTED_SHARE))
 """Log odds that a nameless cause is there beside others."""
 
 
@@ -105,7 +104,7 @@ def _part(state: State, k: int, scan: Scan) -> tuple[int, int] | None:
     for which, shares in ((others, BEYOND_FAMILY), (larger_curves(state, k), SHARES)):
         energy = energy_beside(state, k, which)
         gain = without(state, k).fitted.deviance - state.fitted.deviance
-        if energy > 0 and misfit_odds(gain, energy, shares) > NAMELESS:
+        if energy > 0 and misfit_odds(gain, energy, shares) > priors.NAMELESS:
             return k, nearest(state, k, which)
     return None
 

@@ -11,7 +11,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.limited_residual import limited, noise_about
-from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_SHARE
+from tiltcal.diagnosis.search.priors import NAMELESS
 
 ROWS = 256  # that tell the noise about each
 EXCESS = 10.0 ** np.arange(-2, 2.5, 0.5)
@@ -34,7 +34,7 @@ def searched(whitened: WhitenedModel, floors: Mapping[str, float]) -> Iterator[t
 
 def probability(factor: float, whitened: WhitenedModel) -> float:
     """That an oscillation is there. factor: logarithm of its Bayes factor in one channel."""
-    prior = float(np.log(EXPECTED_CAUSES * UNLISTED_SHARE / len(whitened.observations.channels)))
+    prior = NAMELESS - float(np.log(len(whitened.observations.channels)))
     return float(expit(factor + prior))
 
 

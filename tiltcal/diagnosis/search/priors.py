@@ -17,6 +17,15 @@ EXPECTED_CAUSES = 0.5
 """Causes that are expected: their number is Poisson, each being there or not by itself at odds of
 this times its share.
 """
+UNLISTED_ODDS = float(np.log(UNLISTED_SHARE / (1 - UNLISTED_SHARE)))
+"""Log odds of a cause that no list has to one that a list has, nats."""
+NAMELESS, NAMED = (
+    float(np.log(EXPECTED_CAUSES * share)) for share in (UNLISTED_SHARE, 1 - UNLISTED_SHARE)
+)
+"""Log prior odds that a cause that no list has is there, and one that a list has, nats: shared by
+all places and forms of it. Each kind of cause that is looked for only in the noise that is left has
+those of NAMELESS again.
+"""
 
 
 def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:

@@ -19,13 +19,12 @@ from tiltcal.diagnosis.search.cross_prediction import CrossPrediction, Place
 from tiltcal.diagnosis.search.limited_residual import limited
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.oscillations import searched
-from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_SHARE, log_priors
+from tiltcal.diagnosis.search.priors import NAMELESS, UNLISTED_SHARE, log_priors
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import LearnedReadout, LearnedTilt
 
 ALWAYS = (0.0, 1.0)  # knots of a constant
 ONE = {"c0": 1.0, "c1": 1.0}
-PRIOR = EXPECTED_CAUSES * UNLISTED_SHARE
 IN_USE = 0.25  # probability that a motion is in an octave: in two or three of ten
 
 
@@ -99,7 +98,7 @@ def random_motions(
         return ()
     every = [(place, _octaves(place, recordings)) for place in _places(observations, effects)]
     factors = np.array([_factor(octaves) for _, octaves in every])
-    odds = float(logsumexp(factors) - np.log(len(every)) + np.log(PRIOR))
+    odds = float(logsumexp(factors) - np.log(len(every))) + NAMELESS
     if (chance := float(expit(odds))) < least:
         return ()
     place, octaves = every[int(np.argmax(factors))]

@@ -23,7 +23,7 @@ from tiltcal.diagnosis.data_quality.setting_errors import (
 )
 from tiltcal.diagnosis.model.channel_noise import noise_within_stops
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_SHARE, kind, share_of_name
+from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_ODDS, kind, share_of_name
 from tiltcal.diagnosis.search.state import State, laws, refitted, repriced, without
 from tiltcal.effects.table.readout import IndexError_
 
@@ -36,8 +36,6 @@ WIDTHS = 10.0 ** np.arange(-6, 2.1, 0.25)
 """Prior variances of the rotations, in plausible sizes squared: so close to each other that a
 correlation does not stand in for a width between two of them.
 """
-LISTED = float(np.log((1 - UNLISTED_SHARE) / UNLISTED_SHARE))
-"""What a listed cause has before a nameless one, nats."""
 
 
 def beside_random_settings(state: State, gate: NoiseGate) -> tuple[State, bool]:
@@ -100,7 +98,7 @@ def lawful(rotations: Rotations, angles: Mapping[str, Array]) -> bool:
     Args:
         rotations: of n stops in their order; angles: of each axis at each stop, rad, (n,).
     """
-    chance = common_width(rotations) + LISTED
+    chance = common_width(rotations) - UNLISTED_ODDS
     order = np.arange(rotations.root.shape[1])
     alike = [_likeness(_chord(a), length) for a in angles.values() for length in LENGTHS]
     alike += [_likeness(np.abs(order[:, None] - order), length) for length in STOPS]

@@ -22,9 +22,6 @@ from tiltcal.diagnosis.search.name_probabilities import (
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import Proposal, State, laws
 
-FURTHER = float(np.log(priors.EXPECTED_CAUSES * (1 - priors.UNLISTED_SHARE)))
-"""Log odds that a listed cause is there beside others."""
-
 
 def of_other_source(rows: Sequence[Row], law: Hypothesis) -> Iterator[Row]:
     """What is listed in a cause's place and whose shape tells its source, such as the frequency of
@@ -38,7 +35,7 @@ def of_other_source(rows: Sequence[Row], law: Hypothesis) -> Iterator[Row]:
     if not curves:
         return
     curve = max(curves, key=lambda r: r.score)
-    other = float(np.log(priors.UNLISTED_SHARE / (1 - priors.UNLISTED_SHARE)))
+    other = priors.UNLISTED_ODDS
     for k, row in enumerate(rows):
         source = law if k == 0 else row.proposal and row.proposal.explanation.hypothesis
         if source and source.listed and source.log_odds:
@@ -77,7 +74,7 @@ def completed(rows: Sequence[Row], own: Explanation, rest: State, coarse: float)
         rows: in the cause's place; own: the explanation of the first of them.
         rest: the other causes; coarse: the likelihood is raised to the power 1/coarse.
     """
-    odds = float(np.log(priors.UNLISTED_SHARE / (1 - priors.UNLISTED_SHARE) * TAKEN))
+    odds = priors.UNLISTED_ODDS + float(np.log(TAKEN))
     for row, told in _named(rows, own):
         curves = [t for t in told.terms[1:] if not t.hypothesis.listed]
         if curves:
@@ -94,7 +91,7 @@ def misfits(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
     energy = energy_beside(state, k, of_other_kind(state, k)) if listed else 0.0
     for row in rows:
         if energy > 0 and row.name != UNLISTED and row.gain > 0:
-            odds = misfit_odds(2 * row.gain, energy) - FURTHER
+            odds = misfit_odds(2 * row.gain, energy) - priors.NAMED
             yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
 
 

@@ -19,7 +19,7 @@ from tiltcal.diagnosis.model.noise_prior import (
 )
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES
-from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_SHARE
+from tiltcal.diagnosis.search.priors import NAMELESS
 from tiltcal.recordings.recording import stem
 from tiltcal.statistics.noise_spectrum import NoiseFit
 
@@ -62,8 +62,8 @@ def slow_variations(
         least: probability from which one is told.
         floors: size, SI, of what coarse codes do to a sensor's misfit: none below it is told.
     """
-    prior = EXPECTED_CAUSES * UNLISTED_SHARE / len(whitened.observations.channels)
-    prior /= len(ENERGIES)  # that it has this size
+    # that it is there, on this axis, and has this size
+    prior = NAMELESS - float(np.log(len(whitened.observations.channels) * len(ENERGIES)))
     found = []
     for one in instruments(whitened):
         every = _of_instrument(one, whitened, floors, prior)
@@ -107,7 +107,7 @@ def _of_instrument(
             times if unlike > large else float(np.max(above)),
             unlike > large,
             places in whole,
-            float(expit(large + unlike + np.log(prior))),
+            float(expit(large + unlike + prior)),
         )
         yield slow, places
 

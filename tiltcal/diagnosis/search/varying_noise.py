@@ -18,7 +18,7 @@ from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.limited_residual import limited
 from tiltcal.diagnosis.search.oscillations import searched
-from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_SHARE
+from tiltcal.diagnosis.search.priors import NAMELESS
 from tiltcal.diagnosis.search.sectors_and_cycles import (
     SECTORS,
     likeliest_cycle,
@@ -141,7 +141,7 @@ def varying_noise(
     if not every:
         return ()
     factors = np.array([one.factor for one in every])
-    prior = np.log(EXPECTED_CAUSES * UNLISTED_SHARE / len(every))
+    prior = NAMELESS - np.log(len(every))
     if float(expit(logsumexp(factors) + prior)) < least:
         return ()
     return (_told(every[int(np.argmax(factors))], whitened.observations),)

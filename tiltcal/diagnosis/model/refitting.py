@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 
@@ -140,6 +141,15 @@ def refit_linearly(
     )
 
 
+def log_volume(fitted: FittedModel) -> float:
+    """-2 log of the part of their prior that the adjustable terms still may be anywhere in, nats:
+    what integrating over them adds to the deviance (Laplace). Under more noise it is less.
+    """
+    count = sum(len(t.names) for t in fitted.nuisance)
+    told = PRIOR**2 * fitted.design.gram[:count, :count]
+    return float(np.linalg.slogdet(np.eye(count) + told)[1]) if count else 0.0
+
+
 def _sized(terms: Sequence[FittedTerm]) -> Mask:
     """Whether each value has a plausible size, (p,)."""
     return np.array([t.hypothesis.has_plausible_size for t in terms for _ in t.names], bool)
@@ -176,7 +186,8 @@ def _descended(
     size: Array,
     rounds: int,
 ) -> tuple[list[FittedTerm], list[Array]]:
-    """Levenberg-Marquardt steps with the columns kept, and the whitened residual where they end.
+    """Levenberg-Marquardt steps with the columns kept: the most probable values that they came to,
+    and the whitened residual there.
 
     A step to where the model has no reading, or leaves far more than before, is taken back, and
     tried again with more damping: shorter, and most so where the readings say least.
@@ -184,9 +195,10 @@ def _descended(
     units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
     residual = whitened.residual([*known, *(t.effect for t in terms)])
     least = sum(float(r @ r) for r in residual)
+    at = np.array([v for t in terms for v in t.values]) / units
+    best = least + float(prior @ at**2), terms, residual
     damping, inverse = 0.0, pseudo_inverse(curvature)[0]
     for _ in range(rounds if len(units) else 0):
-        at = np.array([v for t in terms for v in t.values]) / units
         step = inverse @ ((design.along(residual) - prior * at) / size) / size
         if not np.isfinite(step).all():
             break
@@ -195,12 +207,14 @@ def _descended(
         deviance = sum(float(r @ r) for r in left)
         if deviance < RUNAWAY * least:
             terms, residual, least = moved, left, min(least, deviance)
+            at = np.array([v for t in terms for v in t.values]) / units
+            best = min(best, (deviance + float(prior @ at**2), terms, residual), key=itemgetter(0))
             if np.abs(step * size).max(initial=0.0) < 1e-3:
                 break
         else:
             damping = max(GROWTH * damping, DAMPING)
             inverse = pseudo_inverse(curvature + damping * np.eye(len(size)))[0]
-    return terms, residual
+    return best[1], best[2]
 
 
 def _moved(terms: Sequence[FittedTerm], step: Array) -> list[FittedTerm]:

@@ -1,5 +1,7 @@
 """Faults of the data are named, placed and mended before any physics is looked for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_fixtures import (
@@ -15,6 +17,7 @@ from statistics_helpers import rng_of
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.diagnosis.conclusions.calibration_notes import implausible
+from tiltcal.diagnosis.conclusions.finding import verdict_of
 from tiltcal.diagnosis.data.channels import repeat_chance
 from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.diagnosis.data_quality.inspection import LeftOut, by_recording, inspect
@@ -203,6 +206,8 @@ def test_time_that_goes_back_is_mended_and_a_finding(truth, sound):
         " out."
     )
     assert finding.p_value is finding.delta_bic is None
+    physics = replace(finding, effect="acc_K2", names=("acc_K2",), stage="sensor")
+    assert verdict_of((finding, physics), True) == "explained"
 
 
 def test_one_stamp_far_ahead_costs_one_row(truth, sound):

@@ -134,7 +134,12 @@ def _unseen(diagnosis: Diagnosis) -> dict[str, list[dict[str, Any]]]:
     size from which they are.
     """
     rows: list[dict[str, Any]] = [
-        {"effect": u.effect, "absorbed": u.absorbed, "size": _sizes(u.size)}
+        {
+            "effect": u.effect,
+            "place": " ".join(part for part in (u.sensor, u.axis) if part),
+            "absorbed": u.absorbed,
+            "size": _sizes(u.size),
+        }
         for u in diagnosis.undetectable
     ]
     rows.sort(key=lambda row: -row["absorbed"])

@@ -69,9 +69,10 @@ def _finding(stored: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _unseen(stored: Mapping[str, Any]) -> list[str]:
-    """Effects that recordings cannot show at any size."""
+    """Effects that recordings cannot show at any size, on any sensor and axis."""
     known = stored.get("undetectable", ())
-    return [str(u.get("effect")) for u in known if not u.get("detectable_size")]
+    shown = {u.get("effect") for u in known if u.get("detectable_size")}
+    return list(dict.fromkeys(str(u["effect"]) for u in known if u["effect"] not in shown))
 
 
 def _steps(state: Investigation, answers: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

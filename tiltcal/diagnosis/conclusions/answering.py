@@ -139,9 +139,10 @@ def _notes_of(prepared: PreparedData) -> tuple[str, ...]:
 
 def _held_out(model: FittedModel, white: WhitenedModel) -> list[Array]:
     """Residuals of the blocks that the sizes were not fitted to, by channel, SI, (n,)."""
+    channels, left = white.observations.channels, heldout_residuals(model, white)
     return [
-        noise.white * r
-        for noise, r in zip(white.noise, heldout_residuals(model, white), strict=True)
+        noise.white * (r if c.spread is None else c.spread * r)
+        for c, noise, r in zip(channels, white.noise, left, strict=True)
     ]
 
 

@@ -30,6 +30,7 @@ from tiltcal.diagnosis.conclusions.statements import (
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw, whole_law
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.removed_finding import remove_finding
 from tiltcal.diagnosis.model.score_test import SURVIVES
@@ -51,7 +52,7 @@ def findings_of(said: Explained, whitened: WhitenedModel, log_p: Sequence[float]
         whitened: columns under the noise that the fitted model leaves.
         log_p: corrected log p-value of each finding.
     """
-    gains = likelihood_gains(said.fitted, whitened, said.gate)
+    gains = likelihood_gains(said.fitted, said.whitened, said.gate)
     return [
         replace(
             _finding(said.fitted, whitened, places, said.names[k], gains[k]),
@@ -171,15 +172,17 @@ def _parameters(term: FittedTerm, law: WholeLaw) -> dict[str, tuple[float, float
 
 
 def undetectable_of(fitted: FittedModel, whitened: WhitenedModel) -> tuple[Undetectable, ...]:
-    """Effects that could not have been seen, or only at which size."""
-    found: dict[str, Undetectable] = {}
-    blamed = {t.hypothesis.id for t in fitted.terms}
+    """Effects that could not have been seen, or only at which size: that of the shape, and of the
+    instant, that would show best.
+    """
+    found: dict[object, Undetectable] = {}
+    blamed = {_seat(t.hypothesis) for t in fitted.terms}
     for score in whitened.scores(
         fitted.basis,
         fitted.residual,
-        lambda s: not isinstance(s.effect, Learned) and s.id not in blamed,
+        lambda s: not isinstance(s.effect, Learned) and _seat(s) not in blamed,
     ):
-        hypothesis = score.hypothesis
+        hypothesis, seat = score.hypothesis, _seat(score.hypothesis)
         sizes, known = {}, by_name(hypothesis.effect.parameters)
         for i, name in enumerate(hypothesis.names):
             p = known[name]
@@ -188,13 +191,18 @@ def undetectable_of(fitted: FittedModel, whitened: WhitenedModel) -> tuple[Undet
                     np.sqrt(POWER / score.B[i, i]) * hypothesis.size(name) / p.factor
                 )
         absorbed = float(np.clip(score.absorbed, 0, 1))
-        if old := found.get(hypothesis.id):  # on another axis, or at another shape
+        if old := found.get(seat):  # at another shape, or instant
             sizes = {
                 n: min(s[n] for s in (old.size, sizes) if n in s) for n in {**old.size, **sizes}
             }
             absorbed = min(old.absorbed, absorbed)
-        found[hypothesis.id] = Undetectable(hypothesis.id, sizes, absorbed)
+        found[seat] = Undetectable(*seat, sizes, absorbed)
     return tuple(found.values())
+
+
+def _seat(hypothesis: Hypothesis) -> tuple[str, str | None, str | None]:
+    """An effect, and the sensor and the axis of the table that it acts on, if it does on any."""
+    return hypothesis.id, hypothesis.effect.sensor, hypothesis.effect.axis
 
 
 def amended_of(

@@ -139,11 +139,17 @@ class Fitness:
 
 @dataclass(frozen=True)
 class Undetectable:
-    """An effect that was not found: the size (name with unit) it would have been found at, and its
-    absorbed share.
+    """An effect that was not found.
+
+    Args:
+        effect: id; sensor, axis: of the table, that it acts on, if it does on any.
+        size: that it would have been found at, by name with unit.
+        absorbed: share of it that calibration takes up.
     """
 
     effect: str
+    sensor: str | None
+    axis: str | None
     size: Mapping[str, float]
     absorbed: float
 
@@ -151,6 +157,8 @@ class Undetectable:
         """As the file has it."""
         return {
             "effect": self.effect,
+            **({} if self.sensor is None else {"sensor": self.sensor}),
+            **({} if self.axis is None else {"axis": self.axis}),
             "detectable_size": dict(self.size),
             "absorbed": self.absorbed,
         }
@@ -221,12 +229,13 @@ def in_words(names: Sequence[str]) -> list[str]:
 
 
 def verdict_of(findings: tuple[Finding, ...], tested: bool, doubts: bool = False) -> Verdict:
-    """The first that applies; tested: whether anything was left to test the model with; doubts:
-    whether a cause that is not claimed is more probable than not.
+    """The first that applies, of faults of the data only where there is nothing else; tested:
+    whether anything was left to test the model with; doubts: whether a cause that is not claimed is
+    more probable than not.
     """
     if not tested:
         return "cannot_tell"
-    if any(f.effect is None for f in findings):
+    if any(f.effect is None for f in [f for f in findings if f.stage != "data"] or findings):
         return "unlisted"
     if any(len(f.names) > 1 for f in findings):
         return "ambiguous"

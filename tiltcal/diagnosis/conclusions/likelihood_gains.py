@@ -1,5 +1,5 @@
-"""What a finding adds to the likelihood of the readings: the model with it against the best one
-without it, each under the noise that it leaves.
+"""What a finding adds to the likelihood of the readings: the model with it against the same one
+without it, fitted again, each under the most probable noise that it leaves.
 """
 
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ def likelihood_gains(
 
     Args:
         fitted: the whole model.
-        whitened: columns under the most likely noise that it leaves.
+        whitened: columns under the most probable noise that it leaves.
         gate: where the noise is taken from.
     """
     whole = _likelihoods(fitted, whitened)
@@ -68,5 +68,5 @@ def _without(
     """The model without the terms at these places, fitted again under the noise that it leaves."""
     terms = tuple(t for k, t in enumerate(fitted.terms) if k not in places)
     rest = refit(replace(fitted, terms=terms), whitened)
-    left = whitened.as_fitted(gate.noise(rest, whitened))
+    left = gate.left_by(rest, whitened)
     return refit(rest, left), left

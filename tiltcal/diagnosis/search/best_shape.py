@@ -42,7 +42,9 @@ def best_shape(proposal: Proposal, fitted: FittedModel, whitened: WhitenedModel)
 
 
 def _resolved(proposal: Proposal, fitted: FittedModel, whitened: WhitenedModel) -> list[Proposal]:
-    """A curve without a name at other resolutions, each as probable as another."""
+    """A curve without a name at other resolutions, each a RESOLUTIONS-th as probable as the
+    first.
+    """
     if proposal.explanation.hypothesis.listed:
         return []
     near = list(resolutions([t.hypothesis for t in proposal.explanation.terms]))

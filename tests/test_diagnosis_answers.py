@@ -19,7 +19,7 @@ from tiltcal.diagnosis.conclusions.whole_law import _as_left
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.search.explained import Explained
@@ -124,7 +124,7 @@ def test_faults_of_the_data_are_parts_of_their_findings():
 def said_of(found, fitted):
     """A search that came to this model, whose only finding is a K2 for sure."""
     names = Names({"acc_K2": 1.0}, ("acc_K2",), ())
-    return Explained(fitted, found.whitened, (), NoiseGate(None, 1), (names,), (1.0,), ())
+    return Explained(fitted, found.whitened, (), NoiseSource(None, 1), (names,), (1.0,), ())
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from diagnosis_fixtures import bench, honest, recorded, tumble
 from tiltcal.diagnosis.conclusions.one_recording import mean_and_rest
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.search.curve_misfit import (
@@ -26,7 +26,7 @@ from tiltcal.diagnosis.search.state import Cause, State, laws, repriced, without
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading
 
-GATE = NoiseGate(None, 100)
+GATE = NoiseSource(None, 100)
 WARM = {"id": "acc_temp_bias", "sensor": "accel", "temp_bias_x_ug_degC": 100.0}
 
 

@@ -17,7 +17,7 @@ from tiltcal.diagnosis.conclusions.noise_variance import noise_dependences
 from tiltcal.diagnosis.conclusions.statements import doubted
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.search.claimed_causes import CLAIM
 from tiltcal.diagnosis.search.slow_variation import SlowVariation, slow_variations
 from tiltcal.laboratory.scenario import parse_scenario
@@ -244,7 +244,7 @@ def test_what_is_not_probable_enough_to_be_claimed_is_a_doubt():
 def test_slow_variation_below_the_effect_of_coarse_codes_is_not_told():
     truth = bench(noisy(200.0), noise=False)
     found = prepare(honest(truth), [recorded(truth, 3)])
-    left = NoiseGate(None, len(found.whitened.hypotheses)).left_by(found.start, found.whitened)
+    left = NoiseSource(None, len(found.whitened.hypotheses)).left_by(found.start, found.whitened)
     assert slow_variations(left, CLAIM, {})
     assert slow_variations(left, CLAIM, {"accel": 1e-6})
     assert not slow_variations(left, CLAIM, {"accel": 1.0})  # m/s2

@@ -12,7 +12,7 @@ from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, with_values
 from tiltcal.diagnosis.model.column_products import ColumnProducts
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.search import model_search
@@ -48,7 +48,7 @@ from tiltcal.statistics.noise_spectrum import NoiseFit, white_noise
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
 MODELS = (frozenset({0, 1}), frozenset({0}), frozenset({1}), frozenset[int]())
-GATE = NoiseGate(None, 100)
+GATE = NoiseSource(None, 100)
 
 
 def truth_of(*left_out):
@@ -358,7 +358,7 @@ def test_a_cause_that_the_noise_explains_as_well_is_not_believed():
     assert ids(left) == ["acc_K2"]
     assert chance > CLAIM
     sound = NoiseFit.known(white_noise(25e-6 * 9.81 * np.sqrt(5.0)))
-    white = NoiseGate((sound,) * len(found.observations.channels), 100)
+    white = NoiseSource((sound,) * len(found.observations.channels), 100)
     kept, *_ = believed(repriced(both, white.left_by(both.fitted, both.whitened)), white)
     assert ids(kept) == ["acc_drift", "acc_K2"]
 

@@ -10,7 +10,7 @@ from scipy.stats import binom
 from statistics_helpers import FALSE_ALARM, mean_band, variance_band
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.statistics.cosine_transform import cosines
 from tiltcal.statistics.noise_spectrum import NoiseFit, estimate_noise
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
@@ -130,11 +130,11 @@ def test_a_random_walk_alone_is_no_finding_but_would_be_if_all_noise_were_taken_
     recordings = [recorded(truth, seed) for seed in range(2)]
     assert [diagnose(honest(truth), [r]).verdict for r in recordings] == ["match"] * 2
 
-    usual = NoiseGate.noise
+    usual = NoiseSource.noise
 
     def as_white(self, *about):
         fits = usual(self, *about)
         return [NoiseFit.known(WhiteFlickerWalk(fit.model.white)) for fit in fits]
 
-    monkeypatch.setattr(NoiseGate, "noise", as_white)
+    monkeypatch.setattr(NoiseSource, "noise", as_white)
     assert any(diagnose(honest(truth), [r]).verdict != "match" for r in recordings)

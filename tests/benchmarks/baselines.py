@@ -19,7 +19,7 @@ from tiltcal.api.diagnosing import write_results
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data_quality.prepare import PreparedData
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.normal_equations import normal_equations
 from tiltcal.diagnosis.model.refitting import refit
@@ -106,14 +106,14 @@ def explained(prepared: PreparedData, select: Selection) -> Explained:
     start, columns = prepared.start, prepared.whitened
     whitened = columns.under([white_noise(m.white) for m in columns.noise])
     fitted = select(refit(start, whitened), whitened)
-    gate = NoiseGate(None, len(whitened.hypotheses))
+    noise_source = NoiseSource(None, len(whitened.hypotheses))
     laws = [fitted.terms[places[0]].hypothesis for places in fitted.findings()]
     names = tuple(
         Names({law.id: 1.0}, (law.id,), ()) if law.listed else Names({UNLISTED: 1.0}, (), ())
         for law in laws
     )
-    left = gate.left_by(fitted, whitened)
-    return Explained(fitted, left, (), gate, names, (1.0,) * len(laws), ())
+    left = noise_source.left_by(fitted, whitened)
+    return Explained(fitted, left, (), noise_source, names, (1.0,) * len(laws), ())
 
 
 SELECTIONS: dict[str, Selection] = {"greedy": greedy, "sparse": sparse}

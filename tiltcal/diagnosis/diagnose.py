@@ -2,7 +2,7 @@
 conclusions.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +10,6 @@ from tiltcal.core.numerical import determining, one_thread
 from tiltcal.core.progress import Progress, Stages, silent
 from tiltcal.diagnosis.conclusions.answering import answered, simulated, testable, untested
 from tiltcal.diagnosis.conclusions.finding import Diagnosis
-from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.heading import with_heading
 from tiltcal.diagnosis.data_quality.long_recordings import (
     AVERAGES,
@@ -24,43 +23,19 @@ from tiltcal.diagnosis.data_quality.prepare import (
     prepare,
     static_noise,
 )
-from tiltcal.diagnosis.data_quality.quantisation_limit import drop_below_code
 from tiltcal.diagnosis.data_quality.requirements import require_diagnosable
-from tiltcal.diagnosis.data_quality.setting_errors import (
-    beside_stops,
-    find_setting_error,
-    lawful_part,
-)
 from tiltcal.diagnosis.hypotheses.block_averaging import block_of, survives
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.diagnosis.model.refitting import refit_about_itself
-from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED, believed
-from tiltcal.diagnosis.search.curve_misfit import largest_misfit
-from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
+from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.model_search import most_probable, settled
-from tiltcal.diagnosis.search.moving_tones import MovingTone, moving_tones
-from tiltcal.diagnosis.search.names import named, without_misfits
-from tiltcal.diagnosis.search.narrow_bands import NarrowBand, narrow_bands
-from tiltcal.diagnosis.search.random_motion import RandomMotion, random_motions
-from tiltcal.diagnosis.search.random_settings import beside_random_settings, is_lawful
-from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
-from tiltcal.diagnosis.search.slow_variation import slow_variations
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
-from tiltcal.diagnosis.search.state import laws
-from tiltcal.diagnosis.search.varying_noise import VaryingNoise, varying_noise
-from tiltcal.effects.spans import SpectralLines
-from tiltcal.effects.table.readout import IndexError_
+from tiltcal.diagnosis.search.whole_search import search_for_causes
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.pieces import estimated_rows
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.span_means import LONGEST, spans_of
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
+from tiltcal.statistics.noise_spectrum import NoiseModel
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 Search = Callable[[PreparedData], Explained]
@@ -129,7 +104,14 @@ def diagnose(
         if search is not None:
             said = search(prepared)
         else:
-            said = _explained(prepared, lines, at_rest, stages)
+            stages.begin(SEARCH)
+            said = search_for_causes(
+                prepared,
+                lines,
+                at_rest,
+                lambda n: stages.still(f"{n} in the model"),
+                lambda: stages.begin(ALTERNATIVES),
+            )
         stages.begin(ANSWER)
         answer, amended = answered(prepared, said)
         answer = _saying(answer, every)
@@ -193,97 +175,3 @@ def _saying(answer: Diagnosis, given: Sequence[LongRecording]) -> Diagnosis:
     """The answer with how its recordings were read."""
     words = [f"{r.said[0].upper()}{r.said[1:]}." for r in given if r.said]
     return replace(answer, statement=" ".join([answer.statement, *words])) if words else answer
-
-
-def _explained(
-    prepared: PreparedData,
-    lines: SpectralLines,
-    at_rest: tuple[NoiseFit, ...] | None,
-    stages: Stages,
-) -> Explained:
-    """The most probable model of the recordings, random effects beside it, and what each of its
-    causes may be.
-    """
-    start, whitened, floors = prepared.start, prepared.whitened, prepared.floors
-    gate = NoiseGate(at_rest, len(whitened.hypotheses))
-    stages.begin(SEARCH)
-    state = most_probable(start, whitened, gate, lambda n: stages.still(f"{n} in the model"))
-    if extend_dictionary(state, lines):
-        gate = replace(gate, total=len(whitened.columns.hypotheses))
-        state = settled(state.over(whitened.columns), gate)
-    stages.begin(ALTERNATIVES)
-    random = False
-    if not (floors or _knows_settings(start)):
-        state, random = beside_random_settings(state, gate)
-    state, chances, doubts = believed(state, gate)
-    scan = Scan(state.whitened)
-    if any(not law.listed for law in laws(state.fitted)):
-        state, _ = named(state, scan, random)  # what has a name leaves less of its law
-    state, kept = without_misfits(state, scan)
-    chances = tuple(chances[k] for k in kept)
-    state, names = named(state, scan, random)
-    fitted, random_faults = state.fitted, list[Fault]()
-    if floors:
-        fitted = drop_below_code(fitted, state.whitened, floors, prepared.blurred)
-    else:
-        fitted, random_faults = _by_chance(fitted, start, state.whitened, gate)
-    if fitted.terms:
-        fitted = refit_about_itself(fitted, state.whitened)
-    remaining = laws(fitted)
-    held = [k for k, law in enumerate(laws(state.fitted)) if any(law is one for one in remaining)]
-    left = gate.left_by(fitted, state.whitened)
-    return Explained(
-        normalise_tone_phase(fitted, prepared.observations),
-        left,
-        tuple(random_faults),
-        gate,
-        tuple(names[k] for k in held),
-        tuple(chances[k] for k in held),
-        slow_variations(left, DOUBTED, floors),
-        *(((), (), ()) if held or doubts else _in_the_noise(left, fitted, floors)),
-        () if held or random_faults or _knows_settings(start) else _motions(left, fitted, floors),
-        doubts,
-    )
-
-
-def _in_the_noise(
-    left: WhitenedModel, fitted: FittedModel, floors: Mapping[str, float]
-) -> tuple[tuple[NarrowBand, ...], tuple[MovingTone, ...], tuple[VaryingNoise, ...]]:
-    """Bands with more power than noise, tones whose frequency moves, and noise that follows an
-    angle or a cycle, in what a model leaves.
-    """
-    rest = left.residual(fitted.effects)
-    tones = moving_tones(left, rest, fitted.effects, DOUBTED, floors)
-    varying = varying_noise(left, rest, fitted.effects, CLAIM, floors)
-    return narrow_bands(left, rest, DOUBTED, floors), tones, varying
-
-
-def _motions(
-    left: WhitenedModel, fitted: FittedModel, floors: Mapping[str, float]
-) -> tuple[RandomMotion, ...]:
-    """Random motion in what a model leaves."""
-    rest = left.residual(fitted.effects)
-    return random_motions(left, rest, fitted.effects, DOUBTED, floors)
-
-
-def _by_chance(
-    fitted: FittedModel, start: FittedModel, whitened: WhitenedModel, gate: NoiseGate
-) -> tuple[FittedModel, list[Fault]]:
-    """Random effects last, because they explain anything that varies from stop to stop; other
-    findings have to be significant beside them.
-
-    Unlisted curves with as many parameters as there are stops are no law: they are left out of this
-    test.
-    """
-    if _knows_settings(start):
-        return fitted, []
-    lawful = lawful_part(fitted, whitened)
-    setting = find_setting_error(lawful, start, whitened, gate.total, largest_misfit(lawful))
-    if setting is None or is_lawful(setting):
-        return fitted, []
-    return beside_stops(lawful, setting.stops, whitened, gate.total), [setting.fault]
-
-
-def _knows_settings(start: FittedModel) -> bool:
-    """Whether the scenario says that an axis stops at random."""
-    return any(isinstance(e, IndexError_) for e in start.known)

@@ -18,7 +18,7 @@ from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, Fitness, v
 from tiltcal.diagnosis.conclusions.fit_figures import fitness_of, rms_of, under_fixed_white
 from tiltcal.diagnosis.conclusions.law_plots import laws_of
 from tiltcal.diagnosis.conclusions.nameless_findings import nameless_doubts, nameless_findings
-from tiltcal.diagnosis.conclusions.noise_figures import noise_report
+from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport, noise_report
 from tiltcal.diagnosis.conclusions.residual_plots import spectra_of, views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
 from tiltcal.diagnosis.conclusions.statements import (
@@ -30,9 +30,9 @@ from tiltcal.diagnosis.conclusions.statements import (
 )
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.prepare import PreparedData
-from tiltcal.diagnosis.model.channel_noise import noise_under, shift_bias_to_start
+from tiltcal.diagnosis.model.channel_noise import shift_bias_to_start
 from tiltcal.diagnosis.model.cross_validation import heldout_residuals
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -76,14 +76,14 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
         prepared: what was fitted to.
         said: what the search came to.
     """
-    fitted, whitened, gate = said.fitted, said.whitened, said.gate
+    fitted, whitened, noise_source = said.fitted, said.whitened, said.noise_source
     log_p: list[float] = []
     if fitted.terms:
-        log_p, whitened = gate.log_p(fitted, whitened)
+        log_p, whitened = noise_source.log_p(fitted, whitened)
     observations, faults = prepared.observations, [*prepared.faults, *said.random_settings]
     before = refit(prepared.start, whitened) if fitted.terms else fitted
     white = under_fixed_white(prepared.start, whitened)
-    first, last = _fits(before, fitted, white, said.whitened, gate)
+    first, last = _fits(before, fitted, white, said.whitened, noise_source)
     left = observations.residuals(fitted.effects)
     groups, laws = fitted.findings(), laws_of(fitted, observations, left)
     found = findings_of(said, whitened, log_p)
@@ -94,19 +94,17 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     numbers = {place: len(faults) + rank for rank, k in enumerate(order, 1) for place in groups[k]}
     doubt = _doubts_of(said, () if findings else untested_of(observations, prepared.start.rank))
     verdict = verdict_of(findings, tested := last.chi2_per_dof is not None, bool(doubt))
-    noise = noise_report(observations, left, gate.noise(fitted, whitened), gate.source)
-    source, varying = f"the noise was taken from {gate.source}", (v.words for v in said.varying)
-    reason = untold(observations.scenario.rig, observations.samples, fitted.rank)
-    if tested:
-        reason = " ".join(doubt)
+    fits = noise_source.noise(fitted, whitened)
+    noise = noise_report(observations, left, fits, noise_source.words)
+    rig, samples = observations.scenario.rig, observations.samples
+    reason = " ".join(doubt) if tested else untold(rig, samples, fitted.rank)
     told = summary(findings, verdict, reason, first, last, noise)
-    fits = noise_under(fitted, whitened.columns, law=whitened.law)
     began = shift_bias_to_start(fitted, whitened, fits)
     answer = Diagnosis(
         verdict,
         told,
         findings,
-        (*_notes_of(prepared), source, *noise.notes, *varying, *implausible(fitted), *doubt),
+        (*_notes_of(prepared), *_noise_notes(noise, said), *implausible(fitted), *doubt),
         undetectable_of(fitted, said.whitened),
         first,
         last,
@@ -135,6 +133,12 @@ def _out_of_order(prepared: PreparedData) -> list[Finding]:
 def _notes_of(prepared: PreparedData) -> tuple[str, ...]:
     """What is no mismatch of the recordings."""
     return (*prepared.notes, *repeated_stamps(prepared.left_out))
+
+
+def _noise_notes(noise: NoiseReport, said: Explained) -> list[str]:
+    """Where the noise was taken from, and what it follows."""
+    source = f"the noise was taken from {noise.source}"
+    return [source, *noise.notes, *(v.words for v in said.varying)]
 
 
 def _held_out(model: FittedModel, white: WhitenedModel) -> list[Array]:
@@ -177,12 +181,12 @@ def _fits(
     fitted: FittedModel,
     white: WhitenedModel,
     whitened: WhitenedModel,
-    gate: NoiseGate,
+    noise_source: NoiseSource,
 ) -> tuple[Fitness, Fitness]:
     """The figures of the scenario as it is and of the amended one, by one measure; the likelihood
     of each is under the most probable noise that it leaves.
     """
-    own = gate.left_by(before, whitened)
+    own = noise_source.left_by(before, whitened)
     first = fitness_of(before, white, own.noise)
     alone = refit(before, own)
     if first.log_likelihood is not None:

@@ -13,6 +13,7 @@ from tiltcal.diagnosis.conclusions.amended_scenario import amended_table
 from tiltcal.diagnosis.conclusions.events import beside_drawn_anew, place_of
 from tiltcal.diagnosis.conclusions.finding import Finding, Undetectable, Where, in_words
 from tiltcal.diagnosis.conclusions.likelihood_gains import LikelihoodGain, likelihood_gains
+from tiltcal.diagnosis.conclusions.next_steps import next_step, step_for_one
 from tiltcal.diagnosis.conclusions.one_recording import mean_and_rest
 from tiltcal.diagnosis.conclusions.parts import fitted_as, parts_of, strongest
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange, seen_range
@@ -21,10 +22,8 @@ from tiltcal.diagnosis.conclusions.statements import (
     coordinate_of_effect,
     harmonic_of,
     learned_name,
-    next_step,
     shown,
     stage_of,
-    step_for_one,
     sums_only,
 )
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw, whole_law
@@ -52,7 +51,7 @@ def findings_of(said: Explained, whitened: WhitenedModel, log_p: Sequence[float]
         whitened: columns under the noise that the fitted model leaves.
         log_p: corrected log p-value of each finding.
     """
-    gains = likelihood_gains(said.fitted, said.whitened, said.gate)
+    gains = likelihood_gains(said.fitted, said.whitened, said.noise_source)
     return [
         replace(
             _finding(said.fitted, whitened, places, said.names[k], gains[k]),

@@ -9,7 +9,7 @@ import numpy as np
 
 from tiltcal.diagnosis.conclusions.fit_figures import log_likelihood
 from tiltcal.diagnosis.model.cross_validation import heldout_log_likelihood
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -32,20 +32,20 @@ class LikelihoodGain:
 
 
 def likelihood_gains(
-    fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
+    fitted: FittedModel, whitened: WhitenedModel, noise_source: NoiseSource
 ) -> list[LikelihoodGain]:
     """Of each finding.
 
     Args:
         fitted: the whole model.
         whitened: columns under the most probable noise that it leaves.
-        gate: where the noise is taken from.
+        noise_source: where the noise is taken from.
     """
     whole = _likelihoods(fitted, whitened)
     samples = np.log(max(whitened.observations.samples, 2))
     found = []
     for places in fitted.findings():
-        rest = _likelihoods(*_without(fitted, whitened, places, gate))
+        rest = _likelihoods(*_without(fitted, whitened, places, noise_source))
         rise, heldout = (a - b for a, b in zip(whole, rest, strict=True))
         count = sum(len(fitted.terms[k].names) for k in places)
         count += len(shapes(fitted.terms[places[0]].hypothesis))
@@ -63,10 +63,10 @@ def _likelihoods(fitted: FittedModel, whitened: WhitenedModel) -> tuple[float, f
 
 
 def _without(
-    fitted: FittedModel, whitened: WhitenedModel, places: Sequence[int], gate: NoiseGate
+    fitted: FittedModel, whitened: WhitenedModel, places: Sequence[int], noise_source: NoiseSource
 ) -> tuple[FittedModel, WhitenedModel]:
     """The model without the terms at these places, fitted again under the noise that it leaves."""
     terms = tuple(t for k, t in enumerate(fitted.terms) if k not in places)
     rest = refit(replace(fitted, terms=terms), whitened)
-    left = gate.left_by(rest, whitened)
+    left = noise_source.left_by(rest, whitened)
     return refit(rest, left), left

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
-from tiltcal.diagnosis.conclusions.statements import step_for_one
+from tiltcal.diagnosis.conclusions.next_steps import step_for_one
 from tiltcal.diagnosis.search.claimed_causes import CLAIM
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.moving_tones import MovingTone

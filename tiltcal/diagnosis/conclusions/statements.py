@@ -5,10 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tiltcal.core.units import G0
-from tiltcal.design.identifiability import tie_breaker
 from tiltcal.diagnosis.conclusions.finding import Finding, Fitness
 from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
-from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_coordinates import TURN_RATE, WAY
 from tiltcal.effects.curve_products import ORDERS
@@ -177,8 +175,8 @@ def _factor(times: str) -> str:
 
 def _along_body(coordinate: str) -> str:
     """A component of an input in words: rate along body x."""
-    words = coordinate.replace("angular_acceleration", "angular acceleration").split("_")
-    return " along body ".join(words)
+    words = coordinate.replace("angular_acceleration", "angular acceleration")
+    return " along body ".join(words.split("_"))
 
 
 def _width(effect: Learned) -> str:
@@ -205,24 +203,6 @@ def sums_only(names: Sequence[str]) -> str:
     return (
         f" {', '.join(names)} may hold a part of this signal and {verb} taken as zero: the poses"
         " tell only sums of them."
-    )
-
-
-def next_step(names: tuple[str, ...], effect: Effect) -> str:
-    """What to record to split a class, or to confirm a single name."""
-    others = [n for n in names if n != effect.id and n in CATALOGUE]
-    if effect.id in CATALOGUE and others:
-        return "; ".join(dict.fromkeys(tie_breaker(effect.id, other) for other in others[:3]))
-    if isinstance(effect, Learned):
-        return "record the same coordinate again in another order, to see that the curve repeats"
-    return f"record {effect.excited_by} again, to confirm"
-
-
-def step_for_one(recording: str) -> str:
-    """What to do about a cause without a name that not all recordings have. recording: in words."""
-    return (
-        f"diagnose {recording.removeprefix('in ')} apart from the others: of several recordings"
-        " only laws that all of them share have a name"
     )
 
 

@@ -57,7 +57,7 @@ class Pair:
 
     @property
     def chance(self) -> float:
-        """Of being told apart: the log-likelihood ratio is N(separation, 4 separation)."""
+        """Of being told apart: the difference of their deviances is N(separation, 4 separation)."""
         if self.separation <= 0:
             return 0.0
         return 0.5 * (

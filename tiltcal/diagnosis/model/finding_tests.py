@@ -16,8 +16,7 @@ from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.statistics.noise_spectrum import NoiseFit
 
-ALPHA = 0.01  # family-wise, over everything that was tried
-
+ALPHA = 0.01  # level of a test
 
 NEXT = 2.0  # samples to either side of a step's instant that it has to show without
 
@@ -46,8 +45,8 @@ def log_alternatives(hypothesis: Hypothesis, kept: int, total: int) -> float:
 
 
 @dataclass(frozen=True)
-class NoiseGate:
-    """The noise a term has to stand out of.
+class NoiseSource:
+    """Where the noise of a model is taken from: what it leaves, or a record at rest.
 
     Args:
         static: noise models of each channel from a record at rest, when there is one.
@@ -58,7 +57,7 @@ class NoiseGate:
     total: int
 
     @property
-    def source(self) -> str:
+    def words(self) -> str:
         """Where the noise is taken from, in words."""
         return "the recording itself" if self.static is None else "the static record"
 

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 
 from scipy.special import expit, logsumexp
 
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.search.possible_sizes import possible
 from tiltcal.diagnosis.search.state import Doubt, State, laws, refitted, repriced, without
 
@@ -15,7 +15,9 @@ claim in a hundred is wrong.
 DOUBTED = 0.5  # from which one is told as a doubt: it is more probable than not
 
 
-def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], tuple[Doubt, ...]]:
+def believed(
+    state: State, noise_source: NoiseSource
+) -> tuple[State, tuple[float, ...], tuple[Doubt, ...]]:
     """A state without causes that are not probable enough to be claimed, the probability of each
     that is left, and those left out that are more probable than not.
 
@@ -28,7 +30,7 @@ def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], t
     while held:
         fewer = {}
         for cause in sorted(held):
-            fewer[cause], model = _without(models[held], held, {cause}, gate)
+            fewer[cause], model = _without(models[held], held, {cause}, noise_source)
             known = models.get(fewer[cause], model)  # reached before, another way
             models[fewer[cause]] = min(known, model, key=lambda one: one.cost)
         weakest = min(held, key=lambda cause: models[fewer[cause]].cost)
@@ -44,7 +46,7 @@ def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], t
         if DOUBTED < chance[cause] < CLAIM
     ]
     if claimed not in models:
-        claimed, models[claimed] = _without(state, every, every - claimed, gate)
+        claimed, models[claimed] = _without(state, every, every - claimed, noise_source)
     return models[claimed], tuple(chance[cause] for cause in sorted(claimed)), tuple(doubts)
 
 
@@ -65,7 +67,7 @@ def _probability(log_odds: float) -> float:
 
 
 def _without(
-    state: State, held: Collection[int], gone: Collection[int], gate: NoiseGate
+    state: State, held: Collection[int], gone: Collection[int], noise_source: NoiseSource
 ) -> tuple[frozenset[int], State]:
     """The causes that are left of those held when some are taken out, and the state with them,
     under its own noise or that which it leaves, whichever costs less. A cause whose sizes cannot be
@@ -80,6 +82,6 @@ def _without(
         if not all(possible(rest.fitted.terms[i]) for i in places)
     ]
     if impossible:
-        return _without(rest, kept, impossible, gate)
-    left = repriced(rest, gate.left_by(rest.fitted, rest.whitened))
+        return _without(rest, kept, impossible, noise_source)
+    left = repriced(rest, noise_source.left_by(rest.fitted, rest.whitened))
     return frozenset(kept), min(rest, left, key=lambda s: s.cost)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.moving_tones import MovingTone
@@ -22,7 +22,7 @@ class Explained:
     Args:
         fitted: the model; whitened: its columns under the noise that it leaves.
         random_settings: random setting errors of a table axis.
-        gate: says where the noise comes from.
+        noise_source: says where the noise comes from.
         names: what each finding may be; probability: that each is there.
         slow: variation that is too large to be noise, more probably than not.
         bands: of frequency that hold more than noise; tones: whose frequency moves; both more
@@ -36,7 +36,7 @@ class Explained:
     fitted: FittedModel
     whitened: WhitenedModel
     random_settings: tuple[Fault, ...]
-    gate: NoiseGate
+    noise_source: NoiseSource
     names: tuple[Names, ...]
     probability: tuple[float, ...]
     slow: tuple[SlowVariation, ...]

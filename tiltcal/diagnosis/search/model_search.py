@@ -18,7 +18,7 @@ from tiltcal.diagnosis.model.channel_noise import (
     noise_within_stops,
     white_of_differences,
 )
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -52,7 +52,7 @@ Visit = tuple[list[object], float]
 def most_probable(
     start: FittedModel,
     whitened: WhitenedModel,
-    gate: NoiseGate,
+    noise_source: NoiseSource,
     found: Callable[[int], None] = lambda _: None,
 ) -> State:
     """The model of the least cost, from the noise of a model without causes, from white noise
@@ -61,33 +61,33 @@ def most_probable(
     Args:
         start: the calibrated scenario.
         whitened: all hypotheses.
-        gate: the noise under a model.
+        noise_source: the noise under a model.
         found: is told the number of causes of the best model so far.
     """
-    nothing = gate.left_by(start, whitened)
+    nothing = noise_source.left_by(start, whitened)
     best, visited = State(refit(start, nothing), nothing), list[Visit]()
-    for first in _starts(best, gate):
-        state = settled(State(refit(start, first), first), gate, visited)
+    for first in _starts(best, noise_source):
+        state = settled(State(refit(start, first), first), noise_source, visited)
         if state.cost < best.cost:
             best = state
         found(len(best.causes))
     return best
 
 
-def _starts(null: State, gate: NoiseGate) -> Iterator[WhitenedModel]:
+def _starts(null: State, noise_source: NoiseSource) -> Iterator[WhitenedModel]:
     yield null.whitened
-    if gate.static is None:
+    if noise_source.static is None:
         yield null.whitened.under(white_of_differences(null.fitted, null.whitened.observations))
         if (still := noise_within_stops(null.fitted, null.whitened)) is not None:
             yield null.whitened.under(models(still))
 
 
-def settled(state: State, gate: NoiseGate, visited: list[Visit] | None = None) -> State:
+def settled(state: State, noise_source: NoiseSource, visited: list[Visit] | None = None) -> State:
     """Search and noise in turn, until neither changes the other; never a model that costs more.
 
     Args:
         state: to begin with.
-        gate: the noise under a model.
+        noise_source: the noise under a model.
         visited: models that a search went on from; they are added to.
     """
     best, visited = state if state.fitted.terms else None, [] if visited is None else visited
@@ -97,14 +97,14 @@ def settled(state: State, gate: NoiseGate, visited: list[Visit] | None = None) -
         state = improved(state)
         if not state.fitted.terms:
             break
-        state = repriced(state, gate.left_by(state.fitted, state.whitened))
+        state = repriced(state, noise_source.left_by(state.fitted, state.whitened))
         if best is None or state.cost < best.cost:
             best = state
         visited.append((_names(state), state.cost))
         if _is_among(state, visited[:-1]) or _names(state) == before:
             break
-    best = best or repriced(state, gate.left_by(state.fitted, state.whitened))
-    return best if _is_among(best, earlier) else _dropped(best, gate)
+    best = best or repriced(state, noise_source.left_by(state.fitted, state.whitened))
+    return best if _is_among(best, earlier) else _dropped(best, noise_source)
 
 
 def _is_among(state: State, visited: Sequence[Visit]) -> bool:
@@ -113,13 +113,13 @@ def _is_among(state: State, visited: Sequence[Visit]) -> bool:
     return any(n == names and (c == cost or abs(c - cost) < SETTLED) for n, c in visited)
 
 
-def _dropped(state: State, gate: NoiseGate) -> State:
+def _dropped(state: State, noise_source: NoiseSource) -> State:
     """A state without the causes that cost more than the noise that takes their place: from a noise
     with too little slow noise on all channels, one for each is found.
     """
     while state.causes:
         rests = [refitted(without(state, k)) for k in range(len(state.causes))]
-        fewer = [repriced(s, gate.left_by(s.fitted, s.whitened)) for s in rests]
+        fewer = [repriced(s, noise_source.left_by(s.fitted, s.whitened)) for s in rests]
         least = min(fewer, key=lambda s: s.cost)
         if not least.cost < state.cost:
             break

@@ -22,7 +22,7 @@ from tiltcal.diagnosis.data_quality.setting_errors import (
     stops_by_axis,
 )
 from tiltcal.diagnosis.model.channel_noise import noise_within_stops
-from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_ODDS, kind, share_of_name
 from tiltcal.diagnosis.search.state import State, laws, refitted, repriced, without
 from tiltcal.effects.table.readout import IndexError_
@@ -38,7 +38,7 @@ correlation does not stand in for a width between two of them.
 """
 
 
-def beside_random_settings(state: State, gate: NoiseGate) -> tuple[State, bool]:
+def beside_random_settings(state: State, noise_source: NoiseSource) -> tuple[State, bool]:
     """A state without its unlisted curves, where random settings of an axis are more probable than
     these, and whether they are; beside those of the listed causes with which that costs least. A
     law may have been fitted to settings, so causes are left out one after the other.
@@ -60,7 +60,7 @@ def beside_random_settings(state: State, gate: NoiseGate) -> tuple[State, bool]:
     cost, best = min(tried, key=lambda pair: pair[0])
     if cost > state.cost:
         return state, False
-    return repriced(best, gate.left_by(best.fitted, best.whitened)), True
+    return repriced(best, noise_source.left_by(best.fitted, best.whitened)), True
 
 
 def cost_with_random_settings(state: State) -> tuple[float, float]:

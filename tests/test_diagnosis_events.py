@@ -7,7 +7,9 @@ import pytest
 
 from tiltcal.core.units import G0
 from tiltcal.diagnosis.conclusions.events import beside_drawn_anew
+from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.hypotheses.instants import instants
 from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.events import as_met, same_recording
@@ -52,6 +54,19 @@ def test_recordings_of_equal_stamps_are_told_apart_by_their_readings(before):
         before, blocks=tuple(b for b in before.blocks if "accel_x_m_s2" not in b.columns)
     )
     assert same_recording(motion.fingerprint, before.fingerprint)
+
+
+def test_an_event_is_looked_for_within_long_rests_too():
+    """Six poses leave little to a step that is tried 7 s away from its instant."""
+    sequence = [{"action": "scheme", "scheme": "6", "dwell_s": 14}]
+    text = KNOWN | {"seed": 5, "sequence": sequence, "effect": [NOISE]}
+    recording = LABORATORY.record(parse_scenario(text), 5)
+    observations = observe(parse_scenario(KNOWN), [recording])
+    times = np.array([one.time for one in instants(observations)])
+    span, stop = np.ptp(recording.time), observations.channels[0].stop
+    assert np.diff([0, *times, span]).max() < span / 30 + 0.1
+    moves = observations.channels[0].time[np.flatnonzero(np.diff((stop >= 0).astype(int)))]
+    assert np.isin(moves[1:-1] - recording.time[0], times).all()
 
 
 def test_step_between_two_recordings_is_a_class_with_the_run_to_run_bias(before):

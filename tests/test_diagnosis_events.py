@@ -64,7 +64,7 @@ def test_an_event_is_looked_for_within_long_rests_too():
     observations = observe(parse_scenario(KNOWN), [recording])
     times = np.array([one.time for one in instants(observations)])
     span, stop = np.ptp(recording.time), observations.channels[0].stop
-    assert np.diff([0, *times, span]).max() < span / 30 + 0.1
+    assert np.diff([0, *times, span]).max() < span / 60
     moves = observations.channels[0].time[np.flatnonzero(np.diff((stop >= 0).astype(int)))]
     assert np.isin(moves[1:-1] - recording.time[0], times).all()
 

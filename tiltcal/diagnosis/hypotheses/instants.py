@@ -4,8 +4,6 @@ a line in time in one recording.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from math import ceil
 
 import numpy as np
 
@@ -14,9 +12,8 @@ from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.effects.base import Effect
 from tiltcal.recordings.recording import Recording
 
-FEW, MOST = 8, 120  # instants; of fewer or more moves an even grid stands for their ends
+FEW, MOST = 30, 120  # ends of moves; beside fewer stands an even grid, of more it takes the place
 GRID = 60  # instants
-GAP = 1 / 30  # of a recording: between ends of moves further apart an even grid stands, too
 
 
 @dataclass(frozen=True)
@@ -50,8 +47,8 @@ class Instant:
 
 
 def instants(observations: Observations) -> list[Instant]:
-    """Instants at which a step is tried: the ends of moves, and an even grid within long rests, or
-    everywhere; and the pauses between recordings.
+    """Instants at which a step is tried: the ends of moves, or an even grid, or where moves are few
+    both; and the pauses between recordings.
     """
     recordings = observations.recordings
     names = [r.fingerprint for r in recordings]
@@ -72,12 +69,11 @@ def _within(channel: Channel, recording: Recording, most: int) -> list[float]:
     elapsed = channel.time - recording.time[0]
     span = float(np.ptp(recording.time))
     edges: Array = elapsed[np.flatnonzero(np.diff((channel.stop >= 0).astype(int)) != 0)]
-    if not FEW <= len(edges) <= most:
-        edges = np.linspace(0, span, min(GRID, most) + 2)[1:-1]
-    ends = np.concatenate([[0.0], edges, [span]])
-    long = [pair for pair in pairwise(ends) if np.ptp(pair) > GAP * span]
-    inside = [np.linspace(a, b, ceil((b - a) / (GAP * span)) + 1)[1:-1] for a, b in long]
-    edges = np.sort(np.concatenate([edges, *inside]))
+    even = np.linspace(0, span, min(GRID, most) + 2)[1:-1]
+    if len(edges) > most:
+        edges = even
+    elif len(edges) < FEW:
+        edges = np.union1d(edges, even)
     return [float(t) for t in edges if 0.01 * span < t < 0.99 * span]
 
 

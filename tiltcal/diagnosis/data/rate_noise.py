@@ -63,7 +63,8 @@ def with_spread(
 def with_growth(
     channels: Sequence[Channel], predicted: Sequence[Array], courses: Sequence[Replay]
 ) -> Iterator[Channel]:
-    """Channels whose spread is that of their own noise too, where it grows with the motion.
+    """Channels whose spread is that of their own noise too, where it grows with the motion or the
+    input.
 
     Args:
         channels: with the spread of what is predicted.
@@ -74,7 +75,8 @@ def with_growth(
     for c, p in zip(channels, predicted, strict=True):
         read, said = c.weighed(c.values), c.weighed(p)
         speed = speeds[c.recording][c.rows]
-        yield _grown(c, noise_growth(read, said, c.stop, speed, SIGNIFICANCE / len(channels)))
+        level = SIGNIFICANCE / len(channels)
+        yield _grown(c, noise_growth(read, said, c.stop, speed, np.abs(p), level))
 
 
 def with_growth_of(

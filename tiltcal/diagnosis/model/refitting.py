@@ -189,12 +189,15 @@ def _descended(
     """Levenberg-Marquardt steps with the columns kept: the most probable values that they came to,
     and the whitened residual there.
 
-    A step to where the model has no reading, or leaves far more than before, is taken back, and
-    tried again with more damping: shorter, and most so where the readings say least.
+    Where the first values have no reading, they start from nothing. A step to where there is none,
+    or which leaves far more than before, is taken back, and tried again with more damping: shorter,
+    and most so where the readings say least.
     """
     units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
-    residual = whitened.residual([*known, *(t.effect for t in terms)])
-    least = sum(float(r @ r) for r in residual)
+    residual, least = _left(known, terms, whitened)
+    if not np.isfinite(least):
+        terms = [_at_nothing(t) for t in terms]
+        residual, least = _left(known, terms, whitened)
     at = np.array([v for t in terms for v in t.values]) / units
     best = least + float(prior @ at**2), terms, residual
     damping, inverse = 0.0, pseudo_inverse(curvature)[0]
@@ -203,8 +206,7 @@ def _descended(
         if not np.isfinite(step).all():
             break
         moved = _moved(terms, step * units)
-        left = whitened.residual([*known, *(t.effect for t in moved)])
-        deviance = sum(float(r @ r) for r in left)
+        left, deviance = _left(known, moved, whitened)
         if deviance < RUNAWAY * least:
             terms, residual, least = moved, left, min(least, deviance)
             at = np.array([v for t in terms for v in t.values]) / units
@@ -215,6 +217,17 @@ def _descended(
             damping = max(GROWTH * damping, DAMPING)
             inverse = pseudo_inverse(curvature + damping * np.eye(len(size)))[0]
     return best[1], best[2]
+
+
+def _left(
+    known: Sequence[Effect], terms: Sequence[FittedTerm], whitened: WhitenedModel
+) -> tuple[list[Array], float]:
+    """The whitened residual beside these terms, and its sum of squares; not finite where the model
+    has no reading.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        residual = whitened.residual([*known, *(t.effect for t in terms)])
+        return residual, sum(float(r @ r) for r in residual)
 
 
 def _moved(terms: Sequence[FittedTerm], step: Array) -> list[FittedTerm]:

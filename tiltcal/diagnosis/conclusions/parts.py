@@ -78,8 +78,8 @@ def fitted_as(parts: Sequence[Part]) -> str:
 def strongest(
     signal: Sequence[Array], observations: Observations
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Sensors and axes that hold a signal, given by channel, the strongest first. signal: SI, (n,)
-    each.
+    """Sensors and axes that hold a signal, given by channel, the strongest first. signal: whitened,
+    (n,) each.
     """
     energy: dict[tuple[str, str], float] = {}
     for channel, part in zip(observations.channels, signal, strict=True):

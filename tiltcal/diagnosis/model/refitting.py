@@ -98,8 +98,8 @@ def refit_linearly(
     """Other found terms in a fitted model, their values fitted to first order: nothing is
     simulated.
 
-    The adjustable terms stay at their values, so that no column of theirs changes; what they would
-    take up is not in the residual.
+    The adjustable terms keep their values, so that no column of theirs changes; what they would
+    take up, without their prior, is not in the residual.
     """
     owned, start = dict[int, tuple[Vector, ...]](), 0
     for term in (*fitted.nuisance, *fitted.terms):

@@ -10,7 +10,7 @@ from tiltcal.diagnosis.search.state import Doubt, State, laws, refitted, reprice
 
 CLAIM = 0.99
 """Probability from which a cause is claimed: a false alarm costs 99 times a miss, so at most one
-claim in a hundred is wrong.
+claim in a hundred is wrong, if the priors hold.
 """
 DOUBTED = 0.5  # from which one is told as a doubt: it is more probable than not
 

@@ -24,7 +24,8 @@ def noise_growth(
     white noise are independent. The logarithm of its size is a constant at rest, another while
     moving, and changes with the speed; and it changes with the magnitude of the input: whichever is
     more significant, and the other if it is beside that. Outliers weigh little in a logarithm; no
-    difference counts as smaller than the rounding of the values makes it.
+    difference counts as smaller than the rounding of the values makes it. Where most rows at rest
+    differ by less, no noise is there that could change with the input.
 
     Args:
         values, predicted: (n,).
@@ -44,7 +45,9 @@ def noise_growth(
     least = max(code_width(values) / np.sqrt(12), ARITHMETIC) * np.sqrt(FOURTH @ FOURTH)
     differences = (values - predicted)[:n].reshape(-1, size)[alone] @ FOURTH
     logarithms = np.log(np.maximum(np.abs(differences), least))
-    rows = [np.column_stack([moving, moving * speed]), force[:, None]]
+    rows = [np.column_stack([moving, moving * speed])]
+    if np.median(np.abs(differences[state[alone, 0] >= 0])) > least:
+        rows.append(force[:, None])
     means = [r[:n].reshape(-1, size, r.shape[1])[alone].mean(axis=1) for r in rows]
     kept = _significant(means, logarithms, significance / len(rows))
     if not kept:

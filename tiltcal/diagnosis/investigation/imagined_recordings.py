@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.core.units import ARCSEC, DEG
+from tiltcal.core.units import ARCSEC, COLUMN_UNITS, DEG, split_unit
 from tiltcal.design.recording_blocks import Block
 from tiltcal.diagnosis.investigation.rival_hypotheses import Question
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
@@ -25,15 +25,22 @@ MOVED = 0.1  # of the largest step between samples: what is no noise of the read
 
 
 def imagined(block: Block, scenario: Scenario, question: Question) -> Recording:
-    """What a block would read if nothing were wrong, in a room that goes back the way it came."""
+    """What a block would read if nothing were wrong, in a room that goes back the way it came, with
+    the white noise of the recordings so far: by it a row is seen to weigh as much as another.
+    """
     last = question.observations.recordings[-1]
     recording = come_to(block, scenario, last_sides(last, scenario))
-    temperature = last.temperature()
-    if temperature is None:
-        return recording
-    age = np.minimum(recording.time - recording.time[0], last.time[-1] - last.time[0])
+    rng = np.random.default_rng(0)
     columns = {n: recording.column(n) for n in recording.column_names}
-    columns["temperature_degC"] = np.interp(last.time[-1] - age, last.time, temperature)
+    for (sensor, axis), noise in question.noise.items():
+        if (name := recording.channel(f"{sensor}_{axis}")) is not None:
+            unit = COLUMN_UNITS[split_unit(name)[1] or ""].factor
+            white = noise.white * np.sqrt(question.block) / unit
+            columns[name] = columns[name] + white * rng.standard_normal(len(recording))
+    temperature = last.temperature()
+    if temperature is not None:
+        age = np.minimum(recording.time - recording.time[0], last.time[-1] - last.time[0])
+        columns["temperature_degC"] = np.interp(last.time[-1] - age, last.time, temperature)
     return Recording.from_columns(
         recording.time, columns, metadata=recording.metadata, source="imagined block"
     )

@@ -15,18 +15,11 @@ the sine of a tone at half the sampling rate, adds next to nothing at any value.
 """
 
 
-def none_in_use(tried: int) -> float:
-    """Log probability that of so many numbers, each in use with a chance of one in that many and
-    one, none is; the odds of each are then one in that many, nats.
-    """
-    return float(tried * np.log(tried / (1 + tried))) if tried else 0.0
-
-
 class ColumnSelection:
     """Columns taken in one by one.
 
     A law has at least one of its sizes, each set of them as likely as another. A number of its
-    deviation is in use with a chance of one in as many as are tried, and one.
+    deviation is in use with a chance of one in as many as are tried.
 
     Args:
         gram, target: inner products of the columns, (p, p), and with what is explained, (p,).
@@ -34,28 +27,19 @@ class ColumnSelection:
         law: which columns are the law's, (p,).
         shares: prior energy of each number of a deviation, in energies of the law, (s, p).
         sized: whether the catalogue says how large the law may be.
-        tried: columns that its deviation may be made of.
 
     Attributes:
         used: numbers of the columns taken in.
-        choice: log prior of the choice of the law's sizes, and of numbers of its deviation but for
-            their prices, nats.
+        choice: evidence for the choice of the law's sizes, nats.
         numbers: the evidence for each column in use.
     """
 
     def __init__(
-        self,
-        gram: Array,
-        target: Array,
-        raw: Array,
-        law: Mask,
-        shares: Array,
-        sized: bool,
-        tried: int,
+        self, gram: Array, target: Array, raw: Array, law: Mask, shares: Array, sized: bool
     ) -> None:
         self.used: list[int] = []
-        self.choice, self.numbers = none_in_use(tried), list[NumberEvidence]()
-        self._G, self._b, self._law, self._sized, self._tried = gram, target, law, sized, tried
+        self.choice, self.numbers = 0.0, list[NumberEvidence]()
+        self._G, self._b, self._law, self._sized = gram, target, law, sized
         self._raw, self._shares = raw, shares
         self._info, self._there = self._beside()
 
@@ -74,25 +58,24 @@ class ColumnSelection:
             left.remove(self._take_strongest(left, self._widths()))
         self._rest_of_sizes()
 
-    def add_deviation(self) -> None:
+    def add_deviation(self, tried: int) -> None:
         """Numbers of a deviation, as long as they have evidence."""
-        widths, price = self._deviation()
-        while self._tried:
+        widths, price = self._deviation(tried)
+        while tried:
             each = np.where(self._law, -np.inf, self._factors(widths)) - price
             if not each.max(initial=-np.inf) > 0:
                 break
             self._take(int(np.argmax(each)), widths, price)
 
-    def take_deviation(self, which: Iterable[int]) -> None:
+    def take_deviation(self, which: Iterable[int], tried: int) -> None:
         """These numbers of a deviation, the strongest first."""
-        (widths, price), left = self._deviation(), set(which)
+        (widths, price), left = self._deviation(tried), set(which)
         while left:
             left.remove(self._take_strongest(left, widths, price))
 
-    def _deviation(self) -> tuple[Array, float]:
+    def _deviation(self, tried: int) -> tuple[Array, float]:
         """Prior variances of the numbers of a deviation, (s, p), and the price of each, nats."""
-        price = float(np.log(max(self._tried, 1)))
-        return sum(n.gain for n in self.numbers) * self._shares, price
+        return sum(n.gain for n in self.numbers) * self._shares, float(np.log(1 + tried))
 
     def _rest_of_sizes(self) -> None:
         """The sizes that are not in use: perhaps they are, but what they would explain is not
@@ -102,7 +85,7 @@ class ColumnSelection:
         left[self.used] = False
         seen = self._there[left]
         rest = np.where(seen, np.minimum(self._factors(self._widths())[left], 0.0), 0.0)
-        self.choice += float(np.logaddexp(0.0, rest).sum())
+        self.choice = float(np.logaddexp(0.0, rest).sum())
         self.choice -= float(np.log(2.0 ** self._law.sum() - 1))
 
     def _beside(self) -> tuple[Array, Mask]:

@@ -100,16 +100,16 @@ def explained_by(
     alike = np.array([whitened.hypotheses[k].id == hypothesis.id for k in normal.owner])
     level = level_beside(hypothesis, normal, fitted, whitened)
     gram, side, raw = (part / level for part in (normal.gram, normal.target, normal.raw))
-    tried = int((~law).sum())
     selection = ColumnSelection(
-        gram, side, raw, law, _deviations(alike), hypothesis.has_plausible_size, tried
+        gram, side, raw, law, _deviations(alike), hypothesis.has_plausible_size
     )
     selection.add_sizes()
     if not selection.used:
         return None
+    tried = int((~law).sum())
     terms = _terms(normal, selection.used, whitened, hypothesis)
     plain = _explanation(terms, tried, selection, level)
-    selection.add_deviation()
+    selection.add_deviation(tried)
     terms = _terms(normal, selection.used, whitened, hypothesis)
     if not all(possible(t) for t in terms[1:]):
         return plain
@@ -151,11 +151,10 @@ def explanation_of(
         np.array([t is whole[0] for t in owner]),
         np.where(any_share, ANY_SHARE[:, None], _deviations(alike)),
         law.has_plausible_size,
-        tried,
     )
     selection.take_sizes([law.names.index(name) for name in terms[0].names])
     plain = _explanation(terms[:1], tried, selection, level) if len(terms) > 1 else None
-    selection.take_deviation(range(len(law.names), len(owner)))
+    selection.take_deviation(range(len(law.names), len(owner)), tried)
     return replace(_explanation(terms, tried, selection, level), plain=plain)
 
 

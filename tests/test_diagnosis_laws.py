@@ -142,8 +142,8 @@ def test_every_answer_keeps_the_laws_of_an_answer(case, hidden, request):
         assert finding.statement.endswith(".")
     assert found.after.chi2_per_dof <= found.before.chi2_per_dof
     assert hidden["id"] in {name for f in found.findings for name in f.names}
-    seat = hidden["id"], hidden.get("sensor"), hidden.get("axis")
-    assert seat not in {(u.effect, u.sensor, u.axis) for u in found.undetectable}
+    place = hidden["id"], hidden.get("sensor"), hidden.get("axis")
+    assert place not in {(u.effect, u.sensor, u.axis) for u in found.undetectable}
     again = diagnose(parse_scenario(dict(found.amended), "amended.toml"), [recording])
     assert again.verdict == "match"
 

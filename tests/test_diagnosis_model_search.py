@@ -48,7 +48,7 @@ from tiltcal.statistics.noise_spectrum import NoiseFit, white_noise
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
 MODELS = (frozenset({0, 1}), frozenset({0}), frozenset({1}), frozenset[int]())
-GATE = NoiseSource(None, 100)
+NOISE_SOURCE = NoiseSource(None, 100)
 
 
 def truth_of(*left_out):
@@ -70,12 +70,12 @@ def prepared(*left_out, seed=8, walk=0.0):
 def searched(found):
     """Over every hypothesis."""
     build_dictionary(found.whitened, found.start, SpectralLines())
-    return most_probable(found.start, found.whitened, GATE)
+    return most_probable(found.start, found.whitened, NOISE_SOURCE)
 
 
 def empty(found):
     """The model without causes, under its own noise."""
-    nothing = GATE.left_by(found.start, found.whitened)
+    nothing = NOISE_SOURCE.left_by(found.start, found.whitened)
     return State(refit(found.start, nothing), nothing)
 
 
@@ -284,10 +284,10 @@ def test_what_cannot_be_without_a_cause_goes_with_it():
     build_dictionary(found.whitened, found.start, SpectralLines())
     listed = {h.id: h for h in found.whitened.hypotheses}
     state = stated(found, listed["data_latency"], listed["acc_bandwidth"])
-    kept, rest = _without(state, {0, 1}, {0}, GATE)
+    kept, rest = _without(state, {0, 1}, {0}, NOISE_SOURCE)
     assert kept == frozenset()
     assert np.isfinite(rest.cost)
-    kept, rest = _without(state, {0, 1}, {1}, GATE)
+    kept, rest = _without(state, {0, 1}, {1}, NOISE_SOURCE)
     assert kept == {0}
 
 
@@ -327,7 +327,7 @@ def test_identical_columns_under_two_names_share_the_probability_by_their_priors
     second = following("temperature", "acc_thermal_hysteresis")
     others = [following("time", second.id, lag=20.0 + k) for k in range(further)]
     whitened = found.whitened.alone([first, second, *others], found.start.effects)
-    state = most_probable(found.start, whitened, GATE)
+    state = most_probable(found.start, whitened, NOISE_SOURCE)
     _, (names,) = named(state, Scan(state.whitened))
     # a law that no list has, of which they explain a share, is a little of each
     listed = 1 - names.probability[UNLISTED]
@@ -344,7 +344,7 @@ def stated(found, *hypotheses):
     fitted = refit(replace(found.start, terms=terms), whitened)
     prior = float(np.log(EXPECTED_CAUSES) + log_priors(hypotheses)[0])
     causes, prices = (Cause(prior, 0),) * len(terms), (0.0,) * len(terms)
-    return repriced(State(fitted, whitened, causes, prices), GATE.left_by(fitted, whitened))
+    return repriced(State(fitted, whitened, causes, prices), NOISE_SOURCE.left_by(fitted, whitened))
 
 
 def test_a_cause_that_the_noise_explains_as_well_is_not_believed():
@@ -354,7 +354,7 @@ def test_a_cause_that_the_noise_explains_as_well_is_not_believed():
     effect = CATALOGUE["acc_drift"]({"drift_x": 1e-3}, "accel", None, "found")
     drift = Hypothesis(effect, ("drift_x",))
     both = stated(found, drift, square)
-    left, (chance,), _ = believed(both, GATE)
+    left, (chance,), _ = believed(both, NOISE_SOURCE)
     assert ids(left) == ["acc_K2"]
     assert chance > CLAIM
     sound = NoiseFit.known(white_noise(25e-6 * 9.81 * np.sqrt(5.0)))
@@ -365,10 +365,10 @@ def test_a_cause_that_the_noise_explains_as_well_is_not_believed():
 
 def test_what_is_believed_is_probable_enough(square):
     _, state = square
-    left, chances, _ = believed(state, GATE)
+    left, chances, _ = believed(state, NOISE_SOURCE)
     assert ids(left) == ids(state)
     assert all(CLAIM <= chance <= 1.0 for chance in chances)
-    nothing, none, _ = believed(without(state, 0), GATE)
+    nothing, none, _ = believed(without(state, 0), NOISE_SOURCE)
     assert (nothing.fitted.terms, none) == ((), ())
 
 
@@ -387,3 +387,12 @@ def test_white_noise_is_a_match(seed):
     truth = truth_of()
     found = diagnose(honest(truth), [recorded(truth, seed)])
     assert (found.verdict, found.findings) == ("match", ())
+
+
+def test_a_fit_from_values_without_a_reading_starts_from_nothing(square):
+    found, _ = square
+    start, whitened = found.start, found.whitened
+    wild = tuple(replace(t, values=(1e200,) * len(t.names)) for t in start.nuisance)
+    with np.errstate(over="ignore", invalid="ignore"):
+        again = refit(replace(start, nuisance=wild), whitened)
+    assert again.deviance == pytest.approx(refit(start, whitened).deviance, rel=1e-6)

@@ -15,13 +15,13 @@ MOVING = ROW % 100 >= 60
 STOP = np.where(MOVING, -1, ROW // 100)
 SPEED = MOVING * np.sin(np.pi * (ROW % 100 - 60) / 40)
 LEVEL = 0.01
-FORCE = np.abs(np.sin(ROW // 100))  # another one at each stop, and in the move after it
+MAGNITUDE = np.abs(np.sin(ROW // 100))  # another one at each stop, and in the move after it
 
 
 def grown(rng, size, law=0.0):
     """What is told of noise with a standard deviation, (n,), beside a law that no model has."""
     values = size * rng.standard_normal(N) + law
-    return noise_growth(values, np.zeros(N), STOP, SPEED, FORCE, LEVEL)
+    return noise_growth(values, np.zeros(N), STOP, SPEED, MAGNITUDE, LEVEL)
 
 
 @pytest.mark.parametrize(
@@ -50,18 +50,18 @@ def test_its_growth_with_the_speed_is_told(spoilt, rng):
 def test_noise_below_the_codes_at_rest_grows_no_further_than_to_the_rounding(rng):
     """At rest the same code again and again; while moving the rounding is noise."""
     values = np.round(40 * np.cumsum(SPEED) / 100 + 0.01 * rng.standard_normal(N))
-    growth = noise_growth(values, 40 * np.cumsum(SPEED) / 100, STOP, SPEED, FORCE, LEVEL)
+    growth = noise_growth(values, 40 * np.cumsum(SPEED) / 100, STOP, SPEED, MAGNITUDE, LEVEL)
     assert growth is None or growth.max() < 2
 
 
 def test_a_record_without_rests_tells_nothing(rng):
     noise = rng.standard_normal(N)
-    assert noise_growth(noise, np.zeros(N), np.full(N, -1), SPEED, FORCE, LEVEL) is None
+    assert noise_growth(noise, np.zeros(N), np.full(N, -1), SPEED, MAGNITUDE, LEVEL) is None
 
 
 @pytest.mark.parametrize("too", [0.0, 0.6], ids=["alone", "with the speed, too"])
 def test_its_growth_with_the_input_is_told(too, rng):
-    size = np.exp(FORCE + too * MOVING * (1 + SPEED))
+    size = np.exp(MAGNITUDE + too * MOVING * (1 + SPEED))
     growth = grown(rng, size)
     assert growth is not None
     size = size / size[~MOVING].min()

@@ -15,7 +15,12 @@ FEW = 50  # differences in each state that tell the noise
 
 
 def noise_growth(
-    values: Array, predicted: Array, stop: Index, speed: Array, force: Array, significance: float
+    values: Array,
+    predicted: Array,
+    stop: Index,
+    speed: Array,
+    magnitude: Array,
+    significance: float,
 ) -> Array | None:
     """Standard deviation of the white noise of each row in units of the least, (n,); None where it
     is not significantly larger while the table moves, nor where the input is large.
@@ -31,7 +36,7 @@ def noise_growth(
         values, predicted: (n,).
         stop: number of the stop of each row, -1 while moving, (n,).
         speed: of the table, in any unit, (n,).
-        force: magnitude of the sensor's input, in any unit, (n,).
+        magnitude: of the sensor's input, in any unit, (n,).
         significance: probability that noise alike everywhere is taken for one that grows with
             either.
     """
@@ -47,7 +52,7 @@ def noise_growth(
     logarithms = np.log(np.maximum(np.abs(differences), least))
     rows = [np.column_stack([moving, moving * speed])]
     if np.median(np.abs(differences[state[alone, 0] >= 0])) > least:
-        rows.append(force[:, None])
+        rows.append(magnitude[:, None])
     means = [r[:n].reshape(-1, size, r.shape[1])[alone].mean(axis=1) for r in rows]
     kept = _significant(means, logarithms, significance / len(rows))
     if not kept:

@@ -29,7 +29,6 @@ from tiltcal.diagnosis.conclusions.statements import (
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw, whole_law
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.removed_finding import remove_finding
 from tiltcal.diagnosis.model.score_test import SURVIVES
@@ -175,13 +174,13 @@ def undetectable_of(fitted: FittedModel, whitened: WhitenedModel) -> tuple[Undet
     instant, that would show best.
     """
     found: dict[object, Undetectable] = {}
-    blamed = {_seat(t.hypothesis) for t in fitted.terms}
+    blamed = {t.hypothesis.place for t in fitted.terms}
     for score in whitened.scores(
         fitted.basis,
         fitted.residual,
-        lambda s: not isinstance(s.effect, Learned) and _seat(s) not in blamed,
+        lambda s: not isinstance(s.effect, Learned) and s.place not in blamed,
     ):
-        hypothesis, seat = score.hypothesis, _seat(score.hypothesis)
+        hypothesis, place = score.hypothesis, score.hypothesis.place
         sizes, known = {}, by_name(hypothesis.effect.parameters)
         for i, name in enumerate(hypothesis.names):
             p = known[name]
@@ -190,18 +189,13 @@ def undetectable_of(fitted: FittedModel, whitened: WhitenedModel) -> tuple[Undet
                     np.sqrt(POWER / score.B[i, i]) * hypothesis.size(name) / p.factor
                 )
         absorbed = float(np.clip(score.absorbed, 0, 1))
-        if old := found.get(seat):  # at another shape, or instant
+        if old := found.get(place):  # at another shape, or instant
             sizes = {
                 n: min(s[n] for s in (old.size, sizes) if n in s) for n in {**old.size, **sizes}
             }
             absorbed = min(old.absorbed, absorbed)
-        found[seat] = Undetectable(*seat, sizes, absorbed)
+        found[place] = Undetectable(*place, sizes, absorbed)
     return tuple(found.values())
-
-
-def _seat(hypothesis: Hypothesis) -> tuple[str, str | None, str | None]:
-    """An effect, and the sensor and the axis of the table that it acts on, if it does on any."""
-    return hypothesis.id, hypothesis.effect.sensor, hypothesis.effect.axis
 
 
 def amended_of(

@@ -141,9 +141,9 @@ def refit_linearly(
     )
 
 
-def log_volume(fitted: FittedModel) -> float:
-    """-2 log of the part of their prior that the adjustable terms still may be anywhere in, nats:
-    what integrating over them adds to the deviance (Laplace). Under more noise it is less.
+def log_det_information(fitted: FittedModel) -> float:
+    """Logarithm of the determinant of the information of the adjustable terms, in units of their
+    prior: what integrating over them adds to the deviance (Laplace). Under more noise it is less.
     """
     count = sum(len(t.names) for t in fitted.nuisance)
     told = PRIOR**2 * fitted.design.gram[:count, :count]

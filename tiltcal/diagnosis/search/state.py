@@ -15,7 +15,7 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.noise_prior import noise_price
-from tiltcal.diagnosis.model.refitting import log_volume, refit, refit_linearly
+from tiltcal.diagnosis.model.refitting import log_det_information, refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explanation import Explanation, explanation_of
 from tiltcal.diagnosis.search.possible_sizes import possible
@@ -56,7 +56,7 @@ class State:
         if not all(possible(term) for term in self.fitted.terms):
             return np.inf
         noise = sum(float(np.log(root).sum()) for root in self.whitened.roots)
-        fit = self.fitted.deviance + self.fitted.penalty + log_volume(self.fitted)
+        fit = self.fitted.deviance + self.fitted.penalty + log_det_information(self.fitted)
         return fit / 2 + noise + noise_price(self.whitened) + sum(self.prices)
 
     def terms(self, k: int) -> tuple[FittedTerm, ...]:

@@ -117,7 +117,7 @@ def _tell(
     )
     if not len(tried):
         return tried
-    instant, beyond = instants(side, tried, width, powers, earliest)
+    instant, beyond = instants(side, tried, width, powers, off, earliest)
     fits = beyond <= off
     when[tried[fits]] = side.time[side.last[tried[fits]]] + instant[fits]
     return tried[fits]
@@ -134,7 +134,7 @@ def _fitted(side: Side) -> Iterator[Corner]:
         tried = np.array([k for k in np.flatnonzero(room) if k not in chosen], dtype=int)
         if not len(tried):
             continue
-        instant, off = instants(side, tried, width, powers)
+        instant, off = instants(side, tried, width, powers, LOOSE)
         for k, t, beyond in zip(tried.tolist(), instant.tolist(), off.tolist(), strict=True):
             if beyond <= STRICT:
                 chosen[k] = width, powers, t

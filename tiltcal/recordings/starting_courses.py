@@ -18,6 +18,7 @@ EARLIEST, LATEST = -4, 5
 COARSE = 0.25  # samples between the instants tried first
 ZOOM = 8.0  # times finer, each time
 ZOOMS = 5
+KNOWN = 1e-4  # of chi-square beside the least: the instant is known to a hundredth of its sigma
 REST = (6, 50)  # samples of a rest, at least, and as many at most for its level
 TURN = 16  # samples of a steady turn, at least: its line goes on beside what follows it
 NOTHING = 1e-200  # of a sum of squares
@@ -133,34 +134,56 @@ def instants(
     which: Index,
     width: int,
     powers: tuple[float, ...],
+    refused: float,
     earliest: int = EARLIEST,
 ) -> tuple[Array, Array]:
     """The instant at which each of these moves leaves its rest, samples, (k,), and by how many
     sigma the course leaves more than the noise, (k,): infinite where it has no such instant.
+
+    Args:
+        refused: sigma beyond which no course is used; its instant is told roughly.
     """
     rows = side.last[which, None] + np.arange(earliest, width + 1)
     time, beyond = side.beside(which, rows)
     weight = 1 / side.noise[rows]
     y = weight * beyond
-    each = np.arange(len(which))
+    instant, least = np.zeros(len(which)), np.zeros(len(which))
+    off = np.full(len(which), np.inf)
     grid = np.tile(np.arange(earliest, LATEST, COARSE), (len(which), 1))
-    step, inside = COARSE, np.ones(len(which), bool)
+    step, open_ = COARSE, np.arange(len(which))
     for zoom in range(ZOOMS + 1):
-        u = np.maximum(time[:, None, :] - grid[:, :, None], 0.0)
+        t, w, each = time[open_], weight[open_], np.arange(len(open_))
+        u = np.maximum(t[:, None, :] - grid[:, :, None], 0.0)
         enough = (u > 0).sum(axis=2) >= len(powers) + 2
-        left = np.where(enough, _left(u / width, y, weight, powers), np.inf)
-        at = np.argmin(left, axis=1)
+        left = np.where(enough, _left(u / width, y[open_], w, powers), np.inf)
+        at, last = np.argmin(left, axis=1), grid.shape[1] - 1
+        instant[open_], least[open_] = grid[each, at], left[each, at]
+        # between its neighbours a parabola falls by an eighth of this at most below the least
+        rise = left[each, [np.maximum(at - 1, 0), np.minimum(at + 1, last)]].max(axis=0)
+        rise -= least[open_]
+        moving = (t > instant[open_, None]).sum(axis=1)
+        noise = len(rows[0]) - moving  # the rest has its own share of it
+        off[open_] = _beyond(least[open_] - noise, moving - len(powers) - 1)
+        may_be = _beyond(least[open_] - rise - noise, moving - len(powers) - 1) <= refused
         if zoom == 0:
-            inside = (at > 0) & (at < grid.shape[1] - 1)
-        instant, least = grid[each, at], left[each, at]
-        grid = instant[:, None] + step * np.linspace(-1, 1, round(2 * ZOOM) + 1)
+            inside = (at > 0) & (at < last)
+            off[~inside] = np.inf
+            may_be &= inside
+        finer = np.flatnonzero(may_be & (rise > KNOWN))
+        if not len(finer):
+            break
+        open_ = open_[finer]
+        grid = instant[open_, None] + step * np.linspace(-1, 1, round(2 * ZOOM) + 1)
         step /= ZOOM
-    moving = (time > instant[:, None]).sum(axis=1)
-    dof = np.maximum(moving - len(powers) - 1, 1)
-    # the rest has its own share of the noise
-    excess = np.maximum(least - (len(rows[0]) - moving), 0.0)
-    off = (np.sqrt(excess / dof) - 1) * np.sqrt(2 * dof)
-    return instant, np.where(inside, off, np.inf)
+    return instant, off
+
+
+def _beyond(excess: Array, dof: Array) -> Array:
+    """By how many sigma a course leaves more than the noise. excess: chi-square of its rows, (k,);
+    dof: their number less that of what is fitted, (k,).
+    """
+    dof = np.maximum(dof, 1)
+    return np.asarray((np.sqrt(np.maximum(excess, 0.0) / dof) - 1) * np.sqrt(2 * dof))
 
 
 def _left(u: Array, y: Array, weight: Array, powers: tuple[float, ...]) -> Array:
@@ -186,10 +209,18 @@ def _powers(u: Array, powers: tuple[float, ...]) -> list[Array]:
     """Columns that span ``u`` to each of these powers, at even distances: the first times the
     Chebyshev polynomials over [0, 1], of which none is nearly a sum of the others.
     """
-    s = 2 * u ** int(powers[1] - powers[0]) - 1
-    found = [u ** int(powers[0])]
+    s = 2 * _power(u, int(powers[1] - powers[0])) - 1
+    found = [_power(u, int(powers[0]))]
     for k in range(1, len(powers)):
         found.append(s * found[0] if k == 1 else 2 * s * found[-1] - found[-2])
+    return found
+
+
+def _power(u: Array, n: int) -> Array:
+    """``u`` to a whole power from one on: products take a tenth of the time."""
+    found = u
+    for _ in range(n - 1):
+        found = found * u
     return found
 
 

@@ -103,28 +103,26 @@ def _of_one_source(frequency: float, tone: float, wander: float) -> bool:
     return abs(frequency - tone) < wander or overtone
 
 
+def form_of(curve: Hypothesis) -> tuple[object, ...]:
+    """What the parts of one unnamed effect have in common; equal for curves that differ in axis,
+    turn or recording only.
+    """
+    c = curve.effect
+    assert isinstance(c, Learned)
+    course = c.knots, c.period, c.beside, c.power, c.odd, c.lag, c.relaxing, c.play, c.times
+    form = type(c), len(curve.names), c.coordinate, *course, c.instants, c.rise, c.fall
+    if isinstance(c, LearnedTilt):
+        return *form, c.slot
+    return *form, c.sensor, c.per_input if isinstance(c, LearnedReading) else c.axis
+
+
 def _same_curve(curve: Hypothesis, host: Hypothesis) -> bool:
     """Whether two curves are parts of one unnamed effect: the same coordinate at the same place, on
     another axis or in another recording.
     """
     a, b = curve.effect, host.effect
-    if type(a) is not type(b):  # the cheapest question first: this is asked of every pair
+    if form_of(curve) != form_of(host):
         return False
-    if not (isinstance(a, Learned) and isinstance(b, Learned)) or a.coordinate != b.coordinate:
-        return False
-    if _form(a) != _form(b):
-        return False
-    if isinstance(a, LearnedTilt):
-        return a.slot == b.slot and a.turn != b.turn and len(curve.names) == len(host.names)
-    same = (
-        a.per_input == b.per_input and a.sensor == b.sensor and len(curve.names) == len(host.names)
-    )
-    apart = a.axis != b.axis or a.seen_in != b.seen_in
-    return isinstance(a, LearnedReading) and same and apart
-
-
-def _form(curve: Learned) -> tuple[object, ...]:
-    """What two curves have in common beside their coordinate."""
-    c = curve
-    form = c.knots, c.period, c.beside, c.power, c.odd, c.lag, c.relaxing, c.play, c.times
-    return *form, c.instants, c.rise, c.fall
+    if isinstance(a, LearnedTilt) and isinstance(b, LearnedTilt):
+        return a.turn != b.turn
+    return isinstance(a, LearnedReading) and (a.axis != b.axis or a.seen_in != b.seen_in)

@@ -6,7 +6,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Mask
 from tiltcal.diagnosis.data.observations import Columns, Observations
-from tiltcal.diagnosis.hypotheses.families import completes
+from tiltcal.diagnosis.hypotheses.families import completes, form_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.column_store import Block, ColumnStore
 from tiltcal.diagnosis.model.tried_shapes import Parts, TriedShapes
@@ -26,7 +26,7 @@ class HypothesisColumns:
         self.hypotheses: list[Hypothesis] = []
         self.starts: list[int] = []
         self.width = 0
-        self._places: dict[tuple[str, str | None], list[int]] = {}
+        self._places: dict[tuple[object, ...], list[int]] = {}
         self._numbers: dict[int, int] = {}
         self._around: tuple[Effect, ...] = ()
         self._shapes = TriedShapes()
@@ -85,7 +85,8 @@ class HypothesisColumns:
         """The number of a new hypothesis; its columns follow those of the others."""
         owner = len(self.hypotheses)
         self._numbers[id(hypothesis)] = owner
-        self._places.setdefault(_place(hypothesis), []).append(owner)
+        for place in _places(hypothesis):
+            self._places.setdefault(place, []).append(owner)
         self.hypotheses.append(hypothesis)
         self.starts.append(self.width)
         self.width += len(hypothesis.names)
@@ -141,10 +142,14 @@ class HypothesisColumns:
 
     def _near(self, hypothesis: Hypothesis, first: int) -> list[int]:
         """Numbers, from the first on, of the hypotheses that may be of its family: of its name, of
-        related names, or without a name at its place, in order.
+        related names, or without a name at its place; of a curve those of its form, in order.
         """
-        names = [hypothesis.id, *hypothesis.law.family.effects] if hypothesis.listed else []
-        keys = [*((n, None) for n in names), ("", hypothesis.effect.sensor), ("", None)]
+        if hypothesis.listed:
+            names = [hypothesis.id, *hypothesis.law.family.effects]
+            keys: list[tuple[object, ...]] = [(name, None) for name in names]
+            keys += [("", hypothesis.effect.sensor), ("", None)]
+        else:
+            keys = [form_of(hypothesis)]
         return sorted({k for key in keys for k in self._places.get(key, []) if k >= first})
 
     def places(self, members: Sequence[int]) -> list[int]:
@@ -214,5 +219,8 @@ class HypothesisColumns:
         return found
 
 
-def _place(hypothesis: Hypothesis) -> tuple[str, str | None]:
-    return (hypothesis.id, None) if hypothesis.listed else ("", hypothesis.effect.sensor)
+def _places(hypothesis: Hypothesis) -> list[tuple[object, ...]]:
+    """By what those are found whose family it may be of."""
+    if hypothesis.listed:
+        return [(hypothesis.id, None)]
+    return [("", hypothesis.effect.sensor), form_of(hypothesis)]

@@ -16,6 +16,7 @@ from tiltcal.diagnosis.conclusions.finding import in_words, verdict_of
 from tiltcal.diagnosis.conclusions.law_plots import laws_of
 from tiltcal.diagnosis.conclusions.resimulation import Resimulation
 from tiltcal.diagnosis.conclusions.whole_law import _as_left
+from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
@@ -346,15 +347,26 @@ def test_fewer_samples_than_parameters_explain_nothing(cancelling):
     assert answer.findings
 
 
-def test_nothing_tested_comes_before_any_finding():
+def with_a_sign_turned() -> Fault:
     truth = bench()
     sound = recorded(truth, 4)
-    faults = prepare(
-        honest(truth), [rewritten(sound, accel_z_m_s2=-sound.column("accel_z_m_s2"))]
-    ).faults
-    findings = tuple(finding_of(f) for f in faults)
+    turned = rewritten(sound, accel_z_m_s2=-sound.column("accel_z_m_s2"))
+    (fault,) = prepare(honest(truth), [turned]).faults
+    return fault
+
+
+def test_nothing_tested_comes_before_any_finding():
+    findings = (finding_of(with_a_sign_turned()),)
     assert verdict_of(findings, True) == "explained"
     assert verdict_of(findings, False) == "cannot_tell"
+
+
+def test_nothing_is_explained_beside_a_cause_that_is_more_probable_than_not():
+    named = replace(finding_of(with_a_sign_turned()), stage="sensor")
+    nameless = replace(named, effect=None)
+    assert verdict_of((named,), True) == "explained"
+    assert verdict_of((named,), True, doubts=True) == "cannot_tell"
+    assert verdict_of((nameless,), True, doubts=True) == "unlisted"
 
 
 def test_a_class_names_a_law_that_no_list_has_in_words():

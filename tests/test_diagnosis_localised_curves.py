@@ -100,6 +100,24 @@ def test_a_bump_is_no_saw():
     assert effect["coordinate"] == "table_outer"
 
 
+def test_a_gimbal_that_another_axis_opens_follows_the_rate_of_that_axis():
+    """80 arcsec about the inner axis at 1 rad/s of the outer one, by the square of its rate: both
+    axes turn at once, so that the speed of turn tells it less well.
+    """
+    truth = bench()
+    whole = recorded(truth, 5)
+    rate = np.gradient(np.radians(whole.column("table_outer_deg")), whole.time)
+    opened = np.radians(80 / 3600) * rate**2
+    axis = np.eye(3)["xyz".index(dict(truth.rig.axes)["inner"])]
+    names = [f"accel_{a}_m_s2" for a in "xyz"]
+    force = np.column_stack([whole.column(name) for name in names])
+    force = force + opened[:, None] * np.cross(force, axis)
+    found = diagnose(honest(truth), [rewritten(whole, **dict(zip(names, force.T, strict=True)))])
+    assert found.verdict == "unlisted"
+    assert "that follows the rate of the outer angle" in found.findings[0].statement
+    assert (len(found.findings), found.findings[0].where.coordinate) == (1, "rate")
+
+
 def forgotten(u, time, lag):
     """u felt late by a lag, s, from nothing, by the exact step between even samples."""
     keep = np.exp(-np.diff(time, prepend=time[0]) / lag)

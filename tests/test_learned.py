@@ -237,6 +237,13 @@ FACES = [
         "odd": True,
         "coefficients": [5e-3],
     },
+    *(
+        {**where, "coordinate": "turn_rate_middle", "power": 2.0, "coefficients": [0.1]}
+        for where in (
+            {"on": "readout", "axis": "middle"},
+            {"on": "tilt", "slot": "middle_bearing", "turn": "x"},
+        )
+    ),
     {
         "on": "tilt",
         "slot": "outer_bearing",
@@ -548,6 +555,17 @@ def test_an_axis_that_this_table_has_not_is_refused():
         make_effect(
             "learned",
             GOOD | {"coordinate": "table_middle"},
+            setup_of("dual", ACCEL),
+            sensor="accel",
+            axis="x",
+        )
+
+
+def test_the_rate_of_an_axis_that_this_table_has_not_is_refused():
+    with pytest.raises(TiltcalError, match="key coordinate.* found 'turn_rate_middle'"):
+        make_effect(
+            "learned",
+            GOOD | {"coordinate": "turn_rate_middle"},
             setup_of("dual", ACCEL),
             sensor="accel",
             axis="x",

@@ -29,7 +29,8 @@ OF_SENSOR = (
     "braking",
 )
 COORDINATES = (*INPUTS, *OF_SENSOR, *MOTION)
-"""What a curve may follow, beside the angle of a table axis: ``table_<axis>``.
+"""What a curve may follow, beside the angle of a table axis, ``table_<axis>``, and its rate,
+``turn_rate_<axis>``.
 
 ``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``coning``: rate times
 angular acceleration along it; ``turned``: angle that a rate sensor turned about its own axis since
@@ -40,7 +41,7 @@ the first stamp; ``warming``: dT/dt;
 WAY = "way_"
 """Begins the name of a factor: which way a table axis last went, -1 or 1, ``way_<axis>``."""
 TURN_RATE = "turn_rate_"
-"""Begins the name of a factor: rate of a table axis, rad/s, ``turn_rate_<axis>``."""
+"""Begins the name of a coordinate or factor: rate of a table axis, rad/s, ``turn_rate_<axis>``."""
 BEGUN = 0.5 * DEG  # of a turn after which that is known, rad
 AT_REST = 1e-3  # rad/s: less is no motion of a table, Earth's rate among it
 

@@ -60,7 +60,8 @@ def make_learned(
     subject = f"{subject} learned"
     check_keys(table, subject)
     on = word_of(table, "on", "reading", KINDS, subject)
-    coordinate = word_of(table, "coordinate", "", (*_angles(), *COORDINATES), subject)
+    coordinates = (*_angles(), *_turn_rates(setup), *COORDINATES)
+    coordinate = word_of(table, "coordinate", "", coordinates, subject)
     place = word_of(table, "place", "sensor", STAGES, subject)
     knots, numbers = (
         numbers_of(table.get(key, ()), f"{subject}, key {key}") for key in ("knots", "coefficients")
@@ -96,6 +97,10 @@ def _angles() -> list[str]:
     return [angle_channel(axis) for axis in axis_names()]
 
 
+def _turn_rates(setup: Setup) -> list[str]:
+    return [f"{TURN_RATE}{axis}" for axis in setup.rig.kind.turning]
+
+
 def _beside(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
     """The second angle of a product; empty where there is none."""
     if "beside" not in table:
@@ -123,9 +128,9 @@ def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
             do="leave one out",
         )
     angles = [angle_channel(axis) for axis in setup.rig.axis_names]
-    moves = [f"{word}{axis}" for word in (WAY, TURN_RATE) for axis in setup.rig.kind.turning]
+    ways = [f"{WAY}{axis}" for axis in setup.rig.kind.turning]
     felt = INPUTS if table.get("on", "reading") == "reading" else ()
-    factors = ("", "temperature", "time", "speed", *angles, *moves, *felt)
+    factors = ("", "temperature", "time", "speed", *angles, *ways, *_turn_rates(setup), *felt)
     return word_of(table, "times", "", factors, subject)
 
 
@@ -154,7 +159,7 @@ def _where(
     the place.
     """
     axis_named = axis_of(coordinate)
-    of_frames = ["time", "temperature", "warming", *MOTION]
+    of_frames = ["time", "temperature", "warming", *_turn_rates(setup), *MOTION]
     if on == "stamps":
         if coordinate != "time" or axis is not None:
             raise TiltcalError(

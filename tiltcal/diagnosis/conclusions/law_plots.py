@@ -23,6 +23,7 @@ MOST = 400  # points of a law that has no data of its own
 OWN = {
     "force": ("g", G0),
     "rate": ("deg_s", DEG),
+    "turn_rate": ("deg_s", DEG),
     "transverse": ("deg_s", DEG),
     "turned": ("deg", DEG),
     "speed": ("deg_s", DEG),

@@ -17,6 +17,7 @@ DEGREE = float(np.radians(1.0))
 UNITS = {
     "force": ("m_s2", 1.0),
     "rate": ("deg_s", DEGREE),
+    "turn_rate": ("deg_s", DEGREE),
     "transverse": ("deg_s", DEGREE),
     "turned": ("deg", DEGREE),
     "speed": ("deg_s", DEGREE),

@@ -40,7 +40,7 @@ def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
     if isinstance(effect, Learned):
         if effect.coordinate.startswith("force"):
             return "tilt"
-        if effect.coordinate.startswith(("rate", "angular_acceleration", "coning")):
+        if effect.coordinate.startswith(("rate", TURN_RATE, "angular_acceleration", "coning")):
             return "rate"
         if (
             effect.coordinate == "input"
@@ -136,6 +136,8 @@ def _followed(effect: Learned) -> str:
         what = f"the square of {what}"
     if axis := axis_of(effect.coordinate):
         what = f"the {axis} angle"
+    if effect.coordinate.startswith(TURN_RATE):
+        what = _rate_of(effect.coordinate)
     return f"{what} times the {axis_of(effect.beside)} angle" if effect.beside else what
 
 
@@ -167,10 +169,14 @@ def _factor(times: str) -> str:
     if times.startswith(WAY):
         return f"which way the {times.removeprefix(WAY)} angle last went"
     if times.startswith(TURN_RATE):
-        return f"the rate of the {times.removeprefix(TURN_RATE)} angle"
+        return _rate_of(times)
     if times in ("temperature", "time"):
         return "the temperature from T0" if times == "temperature" else "the time"
     return IN_WORDS.get(times, f"the {_along_body(times)}")
+
+
+def _rate_of(name: str) -> str:
+    return f"the rate of the {name.removeprefix(TURN_RATE)} angle"
 
 
 def _along_body(coordinate: str) -> str:

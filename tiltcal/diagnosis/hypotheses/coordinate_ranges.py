@@ -7,7 +7,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.effects.curve_coordinates import INPUTS, turned_by
+from tiltcal.effects.curve_coordinates import INPUTS, TURN_RATE, turned_by
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
@@ -29,6 +29,7 @@ def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRan
     if (top := fastest(observations)) > 0:
         ranges |= {f"rate_{a}": (-top, top) for a in _turned(observations)}
         ranges |= {"transverse": (0.0, top), "speed": (0.0, top)}
+    ranges |= _turn_rates(observations)
     for a, most in (quickest := _quickest(observations)).items():
         ranges[f"angular_acceleration_{a}"] = (-most, most)
     if most := max(quickest.values(), default=0.0):
@@ -212,6 +213,22 @@ def _turned(observations: Observations) -> str:
         for sense in watch.sense.values():
             top = np.maximum(top, np.abs(sense.rate).max(axis=0))
     return "".join(a for a, most in zip("xyz", top, strict=True) if most > TURNED * top.max())
+
+
+def _turn_rates(observations: Observations) -> Ranges:
+    """Rates of the table's axes that turned, rad/s."""
+    senses = [s for watch in observations.watches(observations.known) for s in watch.sense.values()]
+    turning = observations.scenario.rig.kind.turning
+    found = {}
+    for name in turning if senses else ():
+        rates = [sense.turn_rates[name] for sense in senses]
+        found[f"{TURN_RATE}{name}"] = (min(map(np.min, rates)), max(map(np.max, rates)))
+    most = max((max(-low, high) for low, high in found.values()), default=0.0)
+    return {
+        k: (float(low), float(high))
+        for k, (low, high) in found.items()
+        if max(-low, high) > TURNED * most
+    }
 
 
 def _quickest(observations: Observations) -> dict[str, float]:

@@ -23,7 +23,7 @@ from tiltcal.diagnosis.hypotheses.curve_forms import (
     spread_knots,
 )
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.effects.curve_coordinates import BEGUN, WAY
+from tiltcal.effects.curve_coordinates import BEGUN, TURN_RATE, WAY
 from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.setup.sensor import Sensor
@@ -52,7 +52,7 @@ def motion_of_readings(
         inputs: forces and rates that the sensor may feel.
     """
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
-    yield from _motion(LearnedReading, rig.axis_names, span, where)
+    yield from _motion(LearnedReading, rig.kind.turning, rig.axis_names, span, where)
     if spread_knots("since_move", span):
         for frequency in span.lines.echoes:
             yield curve_over(
@@ -137,7 +137,7 @@ def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
         for travel in WOUND:  # a play of some arcsec is a backlash, which is listed
             if span_of(axis, span) > travel:
                 yield curve_over(LearnedReadout, angle_channel(axis), PLAYED, play=travel, **where)
-        yield from _motion(LearnedReadout, (), span, where)
+        yield from _motion(LearnedReadout, rig.kind.turning, (), span, where)
         knots = even_knots(angle_channel(axis), span, 2)
         for lag in CREEPS if knots else ():
             late = {"lag": lag, "relaxing": True, **where}
@@ -150,7 +150,7 @@ def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
         places += [(bearing(name), turn, "table", (name,)) for turn in "xyz" if turn != body]
     for slot, turn, place, axes in places:
         where = {"slot": slot, "turn": turn, "place": place}
-        yield from _motion(LearnedTilt, axes, span, where)
+        yield from _motion(LearnedTilt, rig.kind.turning, axes, span, where)
         turning = [name for name in axes if name in rig.kind.turning]
         for name, lag, relaxing in product(turning, CREEPS, (False, True)):
             late = {"lag": lag, "relaxing": relaxing, **where}
@@ -174,9 +174,15 @@ def loads_of_mount(span: CoordinateRanges) -> Iterator[Hypothesis]:
 
 
 def _motion(
-    cls: type[Learned], axes: Sequence[str], span: CoordinateRanges, where: dict[str, Any]
+    cls: type[Learned],
+    turning: Sequence[str],
+    axes: Sequence[str],
+    span: CoordinateRanges,
+    where: dict[str, Any],
 ) -> Iterator[Hypothesis]:
-    """What every place may follow of the table's motion, and of the way these axes last went."""
+    """What every place may follow of the motion of the table and of the axes that turn, and of the
+    way that some axes last went.
+    """
     for coordinate in ("since_move", "since_start"):
         if knots := spread_knots(coordinate, span):
             yield curve_over(cls, coordinate, knots, **where)
@@ -188,6 +194,9 @@ def _motion(
     for name, travel in product(axes, TURNS):
         if span_of(name, span) > travel:
             yield _played(cls, angle_channel(name), travel, where)
+    for name in turning:
+        if knots := even_knots(rate := f"{TURN_RATE}{name}", span, 7):
+            yield curve_over(cls, rate, knots, **where)
     if knots := even_knots("speed", span, 7):
         yield curve_over(cls, "speed", knots, **where)
         for lag in COOLING:

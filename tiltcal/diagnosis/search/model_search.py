@@ -56,7 +56,7 @@ def most_probable(
     found: Callable[[int], None] = lambda _: None,
 ) -> State:
     """The model of the least cost, from the noise of a model without causes, from white noise
-    alone, and from the noise within the stops.
+    alone, and from the noise within the stops, until two of these come to the same model.
 
     Args:
         start: the calibrated scenario.
@@ -66,11 +66,15 @@ def most_probable(
     """
     nothing = noise_source.left_by(start, whitened)
     best, visited = State(refit(start, nothing), nothing), list[Visit]()
+    ends: list[State] = []
     for first in _starts(best, noise_source):
         state = settled(State(refit(start, first), first), noise_source, visited)
         if state.cost < best.cost:
             best = state
         found(len(best.causes))
+        if any(_names(s) == _names(state) and abs(s.cost - state.cost) < SETTLED for s in ends):
+            break
+        ends.append(state)
     return best
 
 

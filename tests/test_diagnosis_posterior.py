@@ -21,7 +21,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.noise_prior import noise_price
 from tiltcal.diagnosis.model.normal_equations import normal_equations
-from tiltcal.diagnosis.model.refitting import refit
+from tiltcal.diagnosis.model.refitting import PRIOR, log_det_information, refit
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, any_of, log_bayes_factor
@@ -58,6 +58,30 @@ def prepared(*left_out, seed=8):
 def square():
     """A recording with a square of the input that nothing in the scenario accounts for."""
     return prepared(K2)
+
+
+def test_a_model_without_causes_costs_its_marginal_likelihood_over_the_adjustable_terms(square):
+    """Of whitened readings y = C b + noise, with b normal about nothing: y is normal with the
+    covariance 1 + PRIOR^2 C C', and the cost holds minus the logarithm of its density.
+    """
+    fitted = refit(square.start, square.whitened)
+    values = [
+        value / term.hypothesis.size(name)
+        for term in fitted.nuisance
+        for name, value in zip(term.names, term.values, strict=True)
+    ]
+    C = np.zeros((sum(len(r) for r in fitted.residual), len(fitted.columns)))
+    starts = np.cumsum([0, *(len(r) for r in fitted.residual)])
+    for k, column in enumerate(fitted.columns):
+        for i, part in column.parts.items():
+            C[starts[i] : starts[i + 1], k] = part
+    assert C.shape[1] == len(values) == 12
+    y = np.concatenate(fitted.residual) + C @ values
+    covariance = np.eye(len(y)) + PRIOR**2 * C @ C.T
+    told = y @ np.linalg.solve(covariance, y) + np.linalg.slogdet(covariance)[1]
+    fit = fitted.deviance + fitted.penalty + log_det_information(fitted)
+    assert fit == pytest.approx(told, abs=0.1)
+    assert log_det_information(fitted) > 50
 
 
 def by_quadrature(gain, variance, info):

@@ -9,6 +9,7 @@ from diagnosis_fixtures import bench, honest, recorded, tumble
 from tiltcal.diagnosis.conclusions.one_recording import mean_and_rest
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.priors import EXPECTED_CAUSES, UNLISTED, log_priors
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit
@@ -18,9 +19,7 @@ from tiltcal.diagnosis.search.curve_misfit import (
     misfit_odds,
     taken_in,
 )
-from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.names import named, without_misfits
-from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, log_priors
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import Cause, State, laws, repriced, without
 from tiltcal.effects import CATALOGUE

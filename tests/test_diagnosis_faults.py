@@ -26,7 +26,7 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.data_quality.readout_jumps import jump_of
 from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_faults
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
+from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording

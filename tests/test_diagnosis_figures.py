@@ -18,8 +18,8 @@ from tiltcal.diagnosis.conclusions.statements import doubted
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
+from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation, slow_variations
 from tiltcal.diagnosis.search.claimed_causes import CLAIM
-from tiltcal.diagnosis.search.slow_variation import SlowVariation, slow_variations
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.statistics.cosine_transform import cosines, quick_length
 from tiltcal.statistics.noise_spectrum import NoiseFit, estimate_noise, white_noise

@@ -8,9 +8,9 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.stats import gamma
 
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.residual_checks.moving_tones import LENGTHS, likeliest_ridge
+from tiltcal.diagnosis.residual_checks.oscillations import EXCESS, equalised, log_excess_of_sums
 from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED
-from tiltcal.diagnosis.search.moving_tones import LENGTHS, likeliest_ridge
-from tiltcal.diagnosis.search.oscillations import EXCESS, equalised, log_excess_of_sums
 from tiltcal.statistics.cosine_transform import cosines
 from tiltcal.statistics.noise_spectrum import estimate_noise
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk

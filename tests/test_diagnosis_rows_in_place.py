@@ -7,7 +7,7 @@ from diagnosis_fixtures import bench, honest, recorded
 from test_diagnosis_stamps import late_by
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.search.name_probabilities import UNLISTED
+from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 
 STICTION = {
     "id": "learned",

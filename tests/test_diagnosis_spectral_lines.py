@@ -11,8 +11,8 @@ from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
-from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.diagnosis.search.state import State
 from tiltcal.effects.electronics.mains import MainsPickup
 from tiltcal.effects.spans import CoordinateRanges

@@ -14,8 +14,8 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import step_hypotheses
 from tiltcal.diagnosis.hypotheses.instants import Instant
+from tiltcal.diagnosis.lines.transients import Course, _chosen, _powers, transients
 from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.transients import Course, _chosen, _powers, transients
 
 WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample, m/s2
 BEGIN = 100.3  # s

@@ -562,7 +562,7 @@ def test_an_axis_that_this_table_has_not_is_refused():
 
 
 def test_the_rate_of_an_axis_that_this_table_has_not_is_refused():
-    with pytest.raises(TiltcalError, match="key coordinate.* found 'turn_rate_middle'"):
+    with pytest.raises(TiltcalError, match=r"key coordinate.*found 'turn_rate_middle'"):
         make_effect(
             "learned",
             GOOD | {"coordinate": "turn_rate_middle"},

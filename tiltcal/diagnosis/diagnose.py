@@ -25,9 +25,9 @@ from tiltcal.diagnosis.data_quality.prepare import (
 )
 from tiltcal.diagnosis.data_quality.requirements import require_diagnosable
 from tiltcal.diagnosis.hypotheses.block_averaging import block_of, survives
+from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.search.whole_search import search_for_causes
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario

@@ -141,6 +141,9 @@ def instants(
     sigma the course leaves more than the noise, (k,): infinite where it has no such instant.
 
     Args:
+        side, which: the moves, (k,).
+        width: samples after the rest to fit; earliest: sample at which the search begins.
+        powers: of the time since the instant.
         refused: sigma beyond which no course is used; its instant is told roughly.
     """
     rows = side.last[which, None] + np.arange(earliest, width + 1)

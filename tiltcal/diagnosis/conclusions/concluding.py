@@ -29,12 +29,13 @@ from tiltcal.diagnosis.conclusions.statements import (
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw, whole_law
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.removed_finding import remove_finding
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.name_probabilities import UNLISTED, Names
+from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned

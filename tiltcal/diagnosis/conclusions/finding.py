@@ -12,7 +12,7 @@ from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
 from tiltcal.diagnosis.conclusions.part import Part
 from tiltcal.diagnosis.conclusions.residual_plots import Spectrum, View
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange
-from tiltcal.diagnosis.search.name_probabilities import UNLISTED
+from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 
 NO_LISTED = "a law that no list has"
 Verdict = Literal["match", "explained", "ambiguous", "unlisted", "cannot_tell"]

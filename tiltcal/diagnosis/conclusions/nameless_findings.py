@@ -8,13 +8,14 @@ from typing import TypeVar
 
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
 from tiltcal.diagnosis.conclusions.next_steps import step_for_one
+from tiltcal.diagnosis.hypotheses.priors import UNLISTED
+from tiltcal.diagnosis.residual_checks.moving_tones import MovingTone
+from tiltcal.diagnosis.residual_checks.narrow_bands import NarrowBand
+from tiltcal.diagnosis.residual_checks.random_motion import RandomMotion
+from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation
 from tiltcal.diagnosis.search.claimed_causes import CLAIM
 from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.moving_tones import MovingTone
-from tiltcal.diagnosis.search.name_probabilities import CREDIBLE, UNLISTED
-from tiltcal.diagnosis.search.narrow_bands import NarrowBand
-from tiltcal.diagnosis.search.random_motion import RandomMotion
-from tiltcal.diagnosis.search.slow_variation import SlowVariation
+from tiltcal.diagnosis.search.name_probabilities import CREDIBLE
 
 
 def nameless_findings(said: Explained) -> list[Finding]:

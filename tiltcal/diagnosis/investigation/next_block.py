@@ -11,9 +11,9 @@ from tiltcal.core.progress import Progress
 from tiltcal.core.tasks.engines import Engine
 from tiltcal.design.identifiability import tie_breaker
 from tiltcal.design.recording_blocks import CIRCLE, SLIDE_RATE, TableLimits, candidates, within
+from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.investigation.discriminating_blocks import Design, Proposal, propose
 from tiltcal.diagnosis.investigation.judging import judge_over, open_questions
-from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording

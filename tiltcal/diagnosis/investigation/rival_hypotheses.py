@@ -16,15 +16,15 @@ from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, step_hypotheses
 from tiltcal.diagnosis.hypotheses.instants import instants
+from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.investigation.augmented_recordings import Joined, Remembering
+from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.model.channel_noise import models, noise_under
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explanation import Explanation, explain
-from tiltcal.diagnosis.search.name_probabilities import UNLISTED
-from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned

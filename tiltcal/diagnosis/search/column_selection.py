@@ -5,8 +5,8 @@ from collections.abc import Collection, Iterable
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
+from tiltcal.diagnosis.model.bayes_factors import ENERGIES, SIZES, log_bayes_factor
 from tiltcal.diagnosis.model.score_test import SURVIVES
-from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, log_bayes_factor
 from tiltcal.diagnosis.search.number_evidence import NumberEvidence
 
 TOLD = 0.01

@@ -21,11 +21,11 @@ from tiltcal.diagnosis.hypotheses.hypothesis import (
 from tiltcal.diagnosis.hypotheses.instants import in_each, instants
 from tiltcal.diagnosis.hypotheses.localised_curves import steps_beside
 from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves
+from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of, wandering_of
+from tiltcal.diagnosis.lines.transients import transients
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.diagnosis.search.state import State
-from tiltcal.diagnosis.search.transients import transients
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.spans import SpectralLines
 

@@ -6,13 +6,13 @@ from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.moving_tones import MovingTone
+from tiltcal.diagnosis.residual_checks.moving_tones import MovingTone
+from tiltcal.diagnosis.residual_checks.narrow_bands import NarrowBand
+from tiltcal.diagnosis.residual_checks.random_motion import RandomMotion
+from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation
+from tiltcal.diagnosis.residual_checks.varying_noise import VaryingNoise
 from tiltcal.diagnosis.search.name_probabilities import Names
-from tiltcal.diagnosis.search.narrow_bands import NarrowBand
-from tiltcal.diagnosis.search.random_motion import RandomMotion
-from tiltcal.diagnosis.search.slow_variation import SlowVariation
 from tiltcal.diagnosis.search.state import Doubt
-from tiltcal.diagnosis.search.varying_noise import VaryingNoise
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.priors import kind
 from tiltcal.diagnosis.model.channel_noise import (
     models,
     noise_within_stops,
@@ -23,7 +24,6 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.best_shape import best_shape
-from tiltcal.diagnosis.search.priors import kind
 from tiltcal.diagnosis.search.proposals import proposals
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import refined

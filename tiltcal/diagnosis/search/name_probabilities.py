@@ -7,10 +7,10 @@ import numpy as np
 from scipy.special import logsumexp, ndtr
 
 from tiltcal.design.identifiability import SEPARABLE
-from tiltcal.diagnosis.search import priors
+from tiltcal.diagnosis.hypotheses import priors
+from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.search.state import Proposal
 
-UNLISTED = "unlisted"
 LEAST = 1e-4  # probability of a name that is shown
 CREDIBLE = 0.9  # of a class: one that lacks the cause costs nine times as much as one name more
 SHOWN = 8  # rivals

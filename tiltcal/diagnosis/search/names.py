@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.design.identifiability import SEPARABLE
-from tiltcal.diagnosis.search import priors
+from tiltcal.diagnosis.hypotheses import priors
+from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.search.curve_misfit import (
     BEYOND_FAMILY,
     SHARES,
@@ -22,7 +23,6 @@ from tiltcal.diagnosis.search.explanation import (
     explain,
 )
 from tiltcal.diagnosis.search.name_probabilities import (
-    UNLISTED,
     Names,
     Row,
     coarsened,

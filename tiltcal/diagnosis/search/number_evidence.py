@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.search.bayes_factors import log_bayes_factor
+from tiltcal.diagnosis.model.bayes_factors import log_bayes_factor
 
 
 @dataclass(frozen=True)

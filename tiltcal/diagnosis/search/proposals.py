@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from tiltcal.diagnosis.hypotheses.priors import kind
 from tiltcal.diagnosis.search.explanation import explained_by
 from tiltcal.diagnosis.search.possible_sizes import possible
-from tiltcal.diagnosis.search.priors import kind
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import Proposal, State
 

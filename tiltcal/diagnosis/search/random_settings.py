@@ -21,9 +21,9 @@ from tiltcal.diagnosis.data_quality.setting_errors import (
     rotations_of_stops,
     stops_by_axis,
 )
+from tiltcal.diagnosis.hypotheses.priors import EXPECTED_CAUSES, UNLISTED_ODDS, kind, share_of_name
 from tiltcal.diagnosis.model.channel_noise import noise_within_stops
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
-from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, UNLISTED_ODDS, kind, share_of_name
 from tiltcal.diagnosis.search.state import State, laws, refitted, repriced, without
 from tiltcal.effects.table.readout import IndexError_
 

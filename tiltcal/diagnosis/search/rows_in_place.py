@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
+from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.search.best_shape import best_shape, in_shapes
 from tiltcal.diagnosis.search.explanation import explain, explained_by, explanation_of
 from tiltcal.diagnosis.search.local_level import local_level
 from tiltcal.diagnosis.search.name_probabilities import (
     LEAST,
-    UNLISTED,
     Row,
     coarsened,
 )

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from tiltcal.diagnosis.hypotheses import priors
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, summed
-from tiltcal.diagnosis.search import priors
 from tiltcal.diagnosis.search.curve_misfit import energy_beside, misfit_odds, of_other_kind
 from tiltcal.diagnosis.search.explanation import Explanation, explanation_of
 from tiltcal.diagnosis.search.name_probabilities import (
     AGAIN,
     TAKEN,
-    UNLISTED,
     Row,
     imitation_odds,
 )

@@ -6,13 +6,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.diagnosis.hypotheses.priors import EXPECTED_CAUSES, log_priors
+from tiltcal.diagnosis.model.bayes_factors import ENERGIES, SIZES, any_of, log_bayes_factor
 from tiltcal.diagnosis.model.column_products import ColumnProducts
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.score_test import SURVIVES, lengths
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, any_of, log_bayes_factor
-from tiltcal.diagnosis.search.priors import EXPECTED_CAUSES, log_priors
 
 Kinds = tuple[Array, Mask, list[Index]]
 _KEPT: "WeakKeyDictionary[HypothesisColumns, Kinds]" = WeakKeyDictionary()

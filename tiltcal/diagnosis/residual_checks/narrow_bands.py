@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.oscillations import EXCESS, equalised, probability, searched
+from tiltcal.diagnosis.residual_checks.oscillations import EXCESS, equalised, probability, searched
 from tiltcal.statistics.cosine_transform import cosines
 
 NARROWEST = 16  # cosine coefficients: fewer are a tone

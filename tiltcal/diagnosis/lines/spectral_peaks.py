@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.search.lines_over_angles import MOST
+from tiltcal.diagnosis.lines.lines_over_angles import MOST
 
 SLOWEST = 4  # periods of a recording: below it a drift looks like a line
 PEAKS = 40  # of a channel, the strongest

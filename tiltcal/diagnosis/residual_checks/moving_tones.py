@@ -16,7 +16,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.oscillations import (
+from tiltcal.diagnosis.residual_checks.oscillations import (
     equalised,
     log_excess_of_sums,
     probability,

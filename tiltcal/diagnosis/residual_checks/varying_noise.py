@@ -15,11 +15,11 @@ from scipy.special import expit, logsumexp
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel, Observations
+from tiltcal.diagnosis.hypotheses.priors import NAMELESS
+from tiltcal.diagnosis.lines.limited_residual import limited
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.limited_residual import limited
-from tiltcal.diagnosis.search.oscillations import searched
-from tiltcal.diagnosis.search.priors import NAMELESS
-from tiltcal.diagnosis.search.sectors_and_cycles import (
+from tiltcal.diagnosis.residual_checks.oscillations import searched
+from tiltcal.diagnosis.residual_checks.sectors_and_cycles import (
     SECTORS,
     likeliest_cycle,
     log_agreement,

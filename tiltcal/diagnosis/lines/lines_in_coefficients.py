@@ -12,9 +12,9 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
 from tiltcal.diagnosis.hypotheses.periodic_curves import frames, gains, stamped
+from tiltcal.diagnosis.lines.lines_over_angles import CHANCE, FINER
+from tiltcal.diagnosis.lines.spectral_peaks import apart, evenly, peaks
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.diagnosis.search.lines_over_angles import CHANCE, FINER
-from tiltcal.diagnosis.search.spectral_peaks import apart, evenly, peaks
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import LearnedDelay, LearnedReading, LearnedTilt
 from tiltcal.statistics.dwell_noise import robust_white

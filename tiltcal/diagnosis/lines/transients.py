@@ -15,9 +15,9 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.lines.limited_residual import limited, noise_about
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.limited_residual import limited, noise_about
 from tiltcal.effects.curve_bases import transients_at
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.statistics.cosine_transform import cosines, inverse_cosines

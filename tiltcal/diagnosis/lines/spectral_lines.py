@@ -5,10 +5,10 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import fastest
+from tiltcal.diagnosis.lines.lines_in_coefficients import base_tilts_of, late_of, scales_of
+from tiltcal.diagnosis.lines.lines_over_angles import CHANCE, FINER, ripples_of, waves_of
+from tiltcal.diagnosis.lines.spectral_peaks import SLOWEST, apart, evenly, peaks, running_median
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.diagnosis.search.lines_in_coefficients import base_tilts_of, late_of, scales_of
-from tiltcal.diagnosis.search.lines_over_angles import CHANCE, FINER, ripples_of, waves_of
-from tiltcal.diagnosis.search.spectral_peaks import SLOWEST, apart, evenly, peaks, running_median
 from tiltcal.effects.electronics.mains import WANDER
 from tiltcal.effects.spans import SpectralLines
 

@@ -11,6 +11,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.effects.learned import Learned
 
+UNLISTED = "unlisted"
+"""The name of a cause that no list has."""
 UNLISTED_SHARE = 0.25
 """Of what differs from a model, the share that no list has."""
 EXPECTED_CAUSES = 0.5

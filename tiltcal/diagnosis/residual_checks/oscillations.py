@@ -9,9 +9,9 @@ from scipy.special import expit, logsumexp
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel
+from tiltcal.diagnosis.hypotheses.priors import NAMELESS
+from tiltcal.diagnosis.lines.limited_residual import limited, noise_about
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.limited_residual import limited, noise_about
-from tiltcal.diagnosis.search.priors import NAMELESS
 
 ROWS = 256  # that tell the noise about each
 EXCESS = 10.0 ** np.arange(-2, 2.5, 0.5)

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import expit
 
+from tiltcal.diagnosis.hypotheses.priors import NAMELESS
+from tiltcal.diagnosis.model.bayes_factors import ENERGIES
 from tiltcal.diagnosis.model.noise_prior import (
     NOTHING,
     InstrumentPrior,
@@ -18,8 +20,6 @@ from tiltcal.diagnosis.model.noise_prior import (
     unlike_others,
 )
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.bayes_factors import ENERGIES
-from tiltcal.diagnosis.search.priors import NAMELESS
 from tiltcal.recordings.recording import stem
 from tiltcal.statistics.noise_spectrum import NoiseFit
 

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.diagnosis.search.oscillations import log_excess_of_sums
-from tiltcal.diagnosis.search.spectral_peaks import evenly, running_median
+from tiltcal.diagnosis.lines.spectral_peaks import evenly, running_median
+from tiltcal.diagnosis.residual_checks.oscillations import log_excess_of_sums
 
 SECTORS = 24  # of a turn
 PARTS = (4, 16)  # of a recording, at least and at most: as many as an axis makes turns

@@ -14,12 +14,11 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
 from tiltcal.diagnosis.hypotheses.curves import tilt_law
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.priors import NAMELESS, UNLISTED, UNLISTED_SHARE, log_priors
+from tiltcal.diagnosis.lines.limited_residual import limited
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.cross_prediction import CrossPrediction, Place
-from tiltcal.diagnosis.search.limited_residual import limited
-from tiltcal.diagnosis.search.name_probabilities import UNLISTED
-from tiltcal.diagnosis.search.oscillations import searched
-from tiltcal.diagnosis.search.priors import NAMELESS, UNLISTED_SHARE, log_priors
+from tiltcal.diagnosis.residual_checks.cross_prediction import CrossPrediction, Place
+from tiltcal.diagnosis.residual_checks.oscillations import searched
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import LearnedReadout, LearnedTilt
 

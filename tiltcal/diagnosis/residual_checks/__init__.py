@@ -1,0 +1,1 @@
+"""What a model leaves that no column explains: slow, random and varying noise, oscillations."""

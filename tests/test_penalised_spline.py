@@ -85,6 +85,25 @@ def test_the_smoothness_is_the_most_probable_one():
     assert deviance(best) < min(deviance(d * best) for d in 10.0 ** np.arange(-4, 5) if d != 1)
 
 
+@pytest.mark.parametrize(("slope", "most"), [(50.0, 0.92), (0.0, 1.01)])
+def test_a_sudden_bend_is_smoothed_less_than_what_is_even(slope, most):
+    """Mean squares of the errors over seeds, about the course that is known, and about none: a sine
+    in noise of 0.02, with a line that begins at once, or without.
+    """
+    t = np.linspace(0.0, 6.0, 301)
+    truth = 0.4 * np.sin(t) + slope * np.maximum(t - 3, 0)
+    basis, errors = SplineBasis(0.0, 6.0, 0.02, ()), []
+    for seed in range(20):
+        read = truth + 0.02 * np.random.default_rng(seed).standard_normal(len(t))
+        many = [LinearReadings(t, np.ones((len(t), 1)), read, np.full(len(t), 0.02**-2))]
+        first = later = most_probable_course(basis, many)
+        for _ in range(2):
+            later = most_probable_course(basis, many, later)
+        errors.append([np.mean((c.at(t)[:, 0] - truth) ** 2) for c in (first, later)])
+    first_error, later_error = np.mean(errors, axis=0)
+    assert later_error < most * first_error
+
+
 def test_at_rest_it_is_the_weighted_mean_of_all_sensors():
     t, _, many = readings(3)
     basis = SplineBasis(0.0, 6.0, 0.1, ((-1.0, 7.0),))

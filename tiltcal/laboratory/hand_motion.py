@@ -37,7 +37,7 @@ from tiltcal.statistics.penalised_spline import (
     most_probable_course,
 )
 
-PASSES = 3  # the first with all readings; then without single outliers, the model solved anew
+PASSES = 3  # the first with all readings; then without single outliers and jerks, solved anew
 # s between knots, where samples are not farther apart: a hand trembles at 12 Hz and no faster
 FASTEST = 0.02
 AROUND = 3  # samples on either side, among which an outlier stands alone
@@ -111,9 +111,10 @@ class HandMotion:
         growth = max((self._growth(fog) for fog in agreeing), default=1.0)
         for _ in range(PASSES):
             fogs = [self._fog_readings(fog, found) for fog in agreeing]
-            readings = [self._in_motion(r, growth) for r in (*gyro, *fogs)]
-            kept = [_without_outliers(r, found) for r in readings]
-            found = most_probable_course(self._basis, kept)
+            triad, others = ([self._in_motion(r, growth) for r in some] for some in (gyro, fogs))
+            apart = [_alone(_differences(r, triad)) for r in others]
+            kept = [_without_outliers(r, found, apart) for r in (*triad, *others)]
+            found = most_probable_course(self._basis, kept, found)
         assert found is not None
         return found
 
@@ -259,21 +260,48 @@ def _slope(read: Callable[[Array], Array], step: Array) -> Array:
     return np.clip(np.minimum(above - here, here - below) / step, 0.0, 1.0)
 
 
-def _without_outliers(readings: LinearReadings, course: SmoothCourse | None) -> LinearReadings:
-    """Readings without those that stand alone off a course, farther than half a reading in all is
-    by chance (Chauvenet).
+def _differences(fog: LinearReadings, triad: Sequence[LinearReadings]) -> LinearReadings:
+    """What a FOG reads otherwise than the triad: whatever the motion, nothing but noise."""
+    off, variance = fog.value.copy(), 1 / np.maximum(fog.weight, ARITHMETIC)
+    for of, share in zip(triad, fog.direction.T, strict=True):
+        off -= share * np.interp(fog.time, of.time, of.value)
+        weight = np.interp(fog.time, of.time, of.weight)
+        variance = variance + share**2 / np.maximum(weight, ARITHMETIC)
+    return replace(fog, value=off, direction=np.zeros_like(fog.direction), weight=1 / variance)
+
+
+def _alone(readings: LinearReadings, course: SmoothCourse | None = None) -> tuple[Array, Mask]:
+    """When readings were taken, s, and which stand alone off a course, or off nothing, farther than
+    half a reading in all is by chance (Chauvenet). (m,) each.
 
     Each is compared with the median of its neighbours: what a wrong model adds is smooth.
     """
-    n = len(readings.time)
-    if course is None or n < 2 * AROUND + 1:
-        return readings
     from scipy.ndimage import median_filter
     from scipy.special import erfcinv
 
-    at = course.at(readings.time)
-    off = readings.value - (readings.direction * at).sum(axis=1)
-    off = (off - median_filter(off, 2 * AROUND + 1, mode="nearest")) * np.sqrt(readings.weight)
+    off, n = readings.value, len(readings.time)
+    if course is not None:
+        off = off - (readings.direction * course.at(readings.time)).sum(axis=1)
+    off = off - median_filter(off, 2 * AROUND + 1, mode="nearest")
     limit = np.sqrt(2) * float(erfcinv(1 / (2 * n)))
-    far: Mask = np.abs(off) > limit
+    return readings.time, np.abs(off) * np.sqrt(readings.weight) > limit
+
+
+def _without_outliers(
+    readings: LinearReadings,
+    course: SmoothCourse | None,
+    apart: Sequence[tuple[Array, Mask]],
+) -> LinearReadings:
+    """Readings without those that stand alone off a course, while a FOG and the triad differ: where
+    a hand lets go at once, the course is off, and they agree.
+
+    Args:
+        readings: of one channel; course: None while none is known.
+        apart: when each FOG was read, s, and whether it stands alone off the triad, (m,) each.
+    """
+    if course is None or len(readings.time) < 2 * AROUND + 1:
+        return readings
+    time, far = _alone(readings, course)
+    for others, differs in apart:
+        far &= np.interp(time, others, differs) > 0
     return replace(readings, weight=np.where(far, 0.0, readings.weight))

@@ -2,13 +2,17 @@
 
 The course is a B-spline. Differences of its coefficients are penalised, which is a prior: between
 two rests the fourth differences are white noise of one variance, and that variance is the most
-probable one given the readings (restricted maximum likelihood). In a rest the course is constant.
+probable one given the readings (restricted maximum likelihood). About a course that is known
+roughly their tails are those of Student's t: a hand lets go at once. In a rest the course is
+constant.
 The estimate is the posterior mean; a Rauch-Tung-Striebel smoother of a four times integrated white
 noise gives the same course, here with as many states as there are knots.
 
 Sources: Eilers, Marx (1996), flexible smoothing with B-splines and penalties; Wecker, Ansley
 (1983), the signal extraction approach to nonlinear regression and spline smoothing; Wahba (1985), a
-comparison of GCV and GML for choosing the smoothing parameter.
+comparison of GCV and GML for choosing the smoothing parameter; Aravkin, Burke, Pillonetto (2014),
+robust and trend-following Student's t Kalman smoothers; Lange, Little, Taylor (1989), robust
+statistical modeling using the t distribution, for its reweighting and its four degrees of freedom.
 """
 
 from collections.abc import Sequence
@@ -27,6 +31,7 @@ ORDER = 4  # of the differences that are penalised
 DEGREE = 2 * ORDER - 1  # of a smoothing spline with that penalty
 # of the penalty over the readings: the weights that are tried, as far as rounding allows
 DECADES = np.arange(-12.0, 9.0, 2.0)
+TAILS = 4.0  # degrees of freedom of the differences about a course that is known
 RIDGE = 1e-10  # of a component's largest weight: what no reading touches stays finite
 
 
@@ -118,18 +123,22 @@ class SmoothCourse:
     Args:
         basis: its splines; coefficients: (free, d).
         roughness: weight of the penalty of each move, in the unit of the readings' weights.
+        shares: of it, for each of the differences, (coefficients - ORDER,).
     """
 
     basis: SplineBasis
     coefficients: Array
     roughness: Array
+    shares: Array
 
     def at(self, time: Array) -> Array:
         """The course at these times, (m, d). time: s, (m,)."""
         return np.asarray(self.basis.design(time) @ self.coefficients)
 
 
-def most_probable_course(basis: SplineBasis, readings: Sequence[LinearReadings]) -> SmoothCourse:
+def most_probable_course(
+    basis: SplineBasis, readings: Sequence[LinearReadings], before: SmoothCourse | None = None
+) -> SmoothCourse:
     """The course with the largest posterior probability, smoothness estimated for each move.
 
     A move is judged by the readings from the rest before it to the rest after it.
@@ -137,16 +146,31 @@ def most_probable_course(basis: SplineBasis, readings: Sequence[LinearReadings])
     Args:
         basis: where the knots and the rests are.
         readings: of one or several sensors, not empty.
+        before: the course as it is known, on the same basis: differences that are large in it are
+            penalised less.
     """
-    system = _System.of(basis, readings)
+    shares = np.ones(basis.differences.shape[0]) if before is None else _shares(before)
+    system = _System.of(basis, readings, shares)
     weights = np.array([_smoothness(system.of_move(rows)) for rows in basis.moves])
     penalty = np.zeros_like(system.matrix)
     for rows, weight in zip(basis.moves, weights, strict=True):
-        penalty += weight * _banded(basis.differences[rows], system.size, len(system.matrix))
+        penalty += weight * _banded(system.differences[rows], system.size, len(system.matrix))
     found, _ = _solved(system.matrix + penalty, system.side)
     # normal equations lose half of the digits: what the readings leave brings them back
     more, _ = _solved(system.matrix + penalty, system.left_by(found, weights))
-    return SmoothCourse(basis, (found + more).reshape(-1, system.size), weights)
+    return SmoothCourse(basis, (found + more).reshape(-1, system.size), weights, shares)
+
+
+def _shares(course: SmoothCourse) -> Array:
+    """What is left of the weight of each difference of a course, (coefficients - ORDER,): the
+    precision of Student's t given the difference, on average one where it is normal.
+    """
+    d = course.coefficients.shape[1]
+    size = np.sum((course.basis.differences @ course.coefficients) ** 2, axis=1)
+    found = np.ones(len(size))
+    for rows, weight in zip(course.basis.moves, course.roughness, strict=True):
+        found[rows] = (TAILS + d) / (TAILS + weight * size[rows])
+    return found
 
 
 @dataclass(frozen=True)
@@ -156,6 +180,7 @@ class _System:
     Args:
         basis: where the knots are; design: its values at the readings, (m, free).
         direction: (m, d); value, weight: (m,).
+        differences: of the course, over the root of their variance in a move, (k, free).
     """
 
     basis: SplineBasis
@@ -163,16 +188,21 @@ class _System:
     direction: Array
     value: Array
     weight: Array
+    differences: "csr_array"
 
     @classmethod
-    def of(cls, basis: SplineBasis, readings: Sequence[LinearReadings]) -> "_System":
+    def of(cls, basis: SplineBasis, readings: Sequence[LinearReadings], shares: Array) -> "_System":
+        from scipy.sparse import diags_array
+
         time, value, weight = (
             np.concatenate([getattr(r, name) for r in readings])
             for name in ("time", "value", "weight")
         )
         direction = np.concatenate([r.direction for r in readings])
         kept = weight > 0
-        return cls(basis, basis.design(time[kept]), direction[kept], value[kept], weight[kept])
+        scaled = diags_array(np.sqrt(shares)) @ basis.differences
+        design = basis.design(time[kept])
+        return cls(basis, design, direction[kept], value[kept], weight[kept], scaled.tocsr())
 
     @property
     def size(self) -> int:
@@ -215,13 +245,13 @@ class _System:
         residual = self.value * np.sqrt(self.weight) - self.spread @ found
         side = np.asarray(self.spread.T @ residual)
         for rows, weight in zip(self.basis.moves, weights, strict=True):
-            D = self.basis.differences[rows]
+            D = self.differences[rows]
             side -= weight * (D.T @ (D @ course)).ravel()
         return side
 
     def of_move(self, rows: Index) -> "tuple[_System, Array, int]":
         """Readings of one move with the rests at its ends; its penalty in bands, and its rank."""
-        D = self.basis.differences[rows]
+        D = self.differences[rows]
         first, last = int(D.indices.min()), int(D.indices.max())
         lowest, highest = self._ends
         inside = (lowest >= first) & (highest <= last)
@@ -231,6 +261,7 @@ class _System:
             self.direction[inside],
             self.value[inside],
             self.weight[inside],
+            D,
         )
         bands = _banded(D[:, first : last + 1], self.size, (DEGREE + 1) * self.size)
         return part, bands, len(rows) * self.size

@@ -147,7 +147,10 @@ def test_a_name_that_is_in_the_model_twice_is_doubted():
     """A quarter of laws is unlisted; names are taken for 15 % of these, 27 % of them twice; of
     listed laws 2.4 % are twice: 0.25 0.15 0.27 to 0.75 0.024, 9 to 16.
     """
-    rows = [Row("acc_warmup", 40.0, 45.0, 45.0, 50.0), Row("acc_temp_bias", 30.0, 35.0, 35.0, 40.0)]
+    rows = [
+        Row("acc_warmup", 40.0, 45.0, 45.0, 100.0),
+        Row("acc_temp_bias", 30.0, 35.0, 35.0, 80.0),
+    ]
     once = list(imitated(rows, 500, again=False))
     twice = list(imitated(rows, 500, again=True))
     assert [r.name for r in twice] == ["unlisted", "unlisted"]
@@ -465,17 +468,17 @@ def test_a_name_that_explains_as_much_only_where_it_deviates_is_no_equal(first, 
     """Of a law in its textbook form; of one that deviates itself it is. Evidence of 20 nats is that
     of the deviations.
     """
-    likely = Row("a", 95.0, 100.0, 100.0, 100.0, deviation=first)
-    less = Row("b", 91.0, 96.0, 96.0, 100.0, deviation=other)
+    likely = Row("a", 95.0, 100.0, 100.0, 200.0, deviation=first)
+    less = Row("b", 91.0, 96.0, 96.0, 200.0, deviation=other)
     assert name_probabilities([likely, less]).alike == alike
 
 
 def test_a_textbook_form_that_fits_as_well_is_in_the_class_however_many_sizes_it_takes():
     """Two more sizes cost 20 nats of evidence and no fit; a curve that fits better has no form."""
-    likely = Row("a", 95.0, 100.0, 100.0, 100.0, textbook_gain=100.0)
-    more = Row("b", 75.0, 80.0, 80.0, 100.1, textbook_gain=100.1)
-    worse = Row("c", 75.0, 80.0, 80.0, 93.9, textbook_gain=93.9)
-    curve = Row("d", 75.0, 80.0, 80.0, 110.0)
+    likely = Row("a", 95.0, 100.0, 100.0, 200.0, textbook_gain=200.0)
+    more = Row("b", 75.0, 80.0, 80.0, 200.2, textbook_gain=200.2)
+    worse = Row("c", 75.0, 80.0, 80.0, 187.8, textbook_gain=187.8)
+    curve = Row("d", 75.0, 80.0, 80.0, 220.0)
     names = name_probabilities([likely, more, worse, curve])
     assert set(names.alike) == {"a", "b"}
     assert {n: s for n, _, s in names.rivals} == pytest.approx({"b": 0.0, "c": 12.2, "d": 40.0})

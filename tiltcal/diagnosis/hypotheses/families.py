@@ -121,7 +121,7 @@ def _same_curve(curve: Hypothesis, host: Hypothesis) -> bool:
     another axis or in another recording.
     """
     a, b = curve.effect, host.effect
-    if form_of(curve) != form_of(host):
+    if type(a) is not type(b) or form_of(curve) != form_of(host):
         return False
     if isinstance(a, LearnedTilt) and isinstance(b, LearnedTilt):
         return a.turn != b.turn

@@ -246,7 +246,7 @@ def _against(
     best shape and sizes.
     """
     energy = sum(float(s @ s) for s in signal)
-    needed = SEPARABLE * coarsened(energy / 2)
+    needed = SEPARABLE * coarsened(energy)
     best: dict[str, float] = {}
     for score in whitened.scores(basis, signal):
         best[score.hypothesis.id] = max(best.get(score.hypothesis.id, 0.0), score.gain()[0])

@@ -65,11 +65,12 @@ class Names:
 
 @dataclass(frozen=True)
 class Row:
-    """An explanation in a cause's place: log posterior odds, evidence, and gain, nats.
+    """An explanation in a cause's place: log posterior odds and evidence, nats; gain, the fall of
+    the deviance.
 
     coarse_evidence: where the likelihood is coarsened, nats.
     deviation: part of the evidence that the deviation of its form from the textbook's adds, nats.
-    textbook_gain: of its textbook form alone, nats; none where it has no such form, or not at
+    textbook_gain: of its textbook form alone; none where it has no such form, or not at
         sizes that its prior allows.
 
     misfit: whether it is what the nameless causes leave of their laws; imitated: whether it is the
@@ -119,10 +120,10 @@ def imitation_odds(gain: float, columns: int) -> float:
 
 
 def coarsened(gain: float) -> float:
-    """By how much less a difference says where a law explains this much, nats: the larger a law,
-    the more it deviates from every form that was tried.
+    """By how much less a difference says where a law explains this much: the larger a law, the more
+    it deviates from every form that was tried. gain: fall of the deviance.
     """
-    return 1 + gain / COARSE
+    return 1 + gain / (2 * COARSE)
 
 
 def name_probabilities(rows: Sequence[Row]) -> Names:
@@ -171,7 +172,7 @@ def _behind(row: Row, first: Row) -> float:
     """
     evidence = row.evidence if first.deviation else row.plain_evidence
     behind = first.evidence - evidence
-    return min(behind, first.gain - row.textbook_gain) if first.gain > 0 else behind
+    return min(behind, (first.gain - row.textbook_gain) / 2) if first.gain > 0 else behind
 
 
 def _needed(chance: Mapping[str, float], alike: Collection[str]) -> list[str]:

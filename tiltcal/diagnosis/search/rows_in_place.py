@@ -38,7 +38,7 @@ def rows_in_place(state: State, k: int, scan: Scan) -> list[Row]:
     terms = state.terms(k)
     own = explanation_of(terms, cause.tried, rest.fitted, whitened)
     law, every = terms[0].hypothesis, looked_at(rest, scan)
-    coarse = coarsened(max(e.gain for e in (own, *(p.explanation for p in every))) / 2)
+    coarse = coarsened(max(e.gain for e in (own, *(p.explanation for p in every))))
     rows = [row_of(own, cause.log_prior, coarse)]
     known = {id(p.explanation.hypothesis) for p in every}
     first = [p for p in every if possible(p.explanation.terms[0])]
@@ -101,8 +101,8 @@ def _fitted(state: State, k: int, rows: Sequence[Row], coarse: float) -> Iterato
             score=row.score + shift,
             evidence=row.evidence + shift,
             coarse_evidence=row.coarse_evidence + shift / coarse,
-            gain=row.gain + shift,
-            textbook_gain=row.textbook_gain + shift,
+            gain=row.gain + 2 * shift,
+            textbook_gain=row.textbook_gain + 2 * shift,
         )
 
 

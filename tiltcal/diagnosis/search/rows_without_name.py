@@ -91,7 +91,7 @@ def misfits(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
     energy = energy_beside(state, k, of_other_kind(state, k)) if listed else 0.0
     for row in rows:
         if energy > 0 and row.name != UNLISTED and row.gain > 0:
-            odds = misfit_odds(2 * row.gain, energy) - priors.NAMED
+            odds = misfit_odds(row.gain, energy) - priors.NAMED
             yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
 
 
@@ -107,7 +107,7 @@ def imitated(rows: Sequence[Row], columns: int, again: bool) -> Iterator[Row]:
     for k, row in enumerate(rows):
         if row.name != UNLISTED:
             found = again and k == 0
-            odds = AGAIN if found else imitation_odds(2 * max(row.gain, row.evidence, 0), columns)
+            odds = AGAIN if found else imitation_odds(max(row.gain, 2 * row.evidence, 0), columns)
             yield replace(row, name=UNLISTED, score=row.score + odds, imitated=True)
 
 
@@ -147,9 +147,9 @@ def row_of(told: Explanation, prior: float, coarse: float, proposal: Proposal | 
     """An explanation under its own name."""
     evidence, less = told.evidence, told.coarsely(coarse)
     deviation = evidence - told.plain.evidence if told.plain else 0.0
-    name, gain, plain = name_of(told.terms), told.gain / 2, told.plain or told
+    name, gain, plain = name_of(told.terms), told.gain, told.plain or told
     in_form = plain.hypothesis.textbook and all(n.plausible for n in plain.numbers)
-    textbook = plain.gain / 2 if in_form else -np.inf
+    textbook = plain.gain if in_form else -np.inf
     return Row(name, evidence + prior, evidence, less, gain, proposal, deviation, textbook)
 
 

@@ -25,6 +25,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.name_probabilities import Names
+from tiltcal.diagnosis.search.state import Doubt
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
@@ -361,12 +362,16 @@ def test_nothing_tested_comes_before_any_finding():
     assert verdict_of(findings, False) == "cannot_tell"
 
 
-def test_nothing_is_explained_beside_a_cause_that_is_more_probable_than_not():
-    named = replace(finding_of(with_a_sign_turned()), stage="sensor")
-    nameless = replace(named, effect=None)
-    assert verdict_of((named,), True) == "explained"
-    assert verdict_of((named,), True, doubts=True) == "cannot_tell"
-    assert verdict_of((nameless,), True, doubts=True) == "unlisted"
+def test_what_is_more_probable_than_not_stands_in_the_statement_beside_what_is_found(cancelling):
+    _, found, both, _, answer, _ = cancelling
+    perhaps = Hypothesis(CATALOGUE["acc_K3"]({"k3_x": 1e-4}, "accel", None, "found"), ("k3_x",))
+    said = replace(said_of(found, both), doubts=(Doubt(perhaps, 0.83),))
+    doubtful, _ = answered(found, said)
+    assert doubtful.verdict == answer.verdict == "explained"
+    assert doubtful.statement.startswith(answer.statement)
+    added = doubtful.statement.removeprefix(answer.statement)
+    assert "acc_K3" in added
+    assert "(probability 0.83)" in added
 
 
 def test_a_class_names_a_law_that_no_list_has_in_words():

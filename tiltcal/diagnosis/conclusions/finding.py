@@ -237,8 +237,8 @@ def verdict_of(findings: tuple[Finding, ...], tested: bool, doubts: bool = False
         return "cannot_tell"
     if any(f.effect is None for f in [f for f in findings if f.stage != "data"] or findings):
         return "unlisted"
-    if doubts:
-        return "cannot_tell"
     if any(len(f.names) > 1 for f in findings):
         return "ambiguous"
-    return "explained" if findings else "match"
+    if findings:
+        return "explained"
+    return "cannot_tell" if doubts else "match"

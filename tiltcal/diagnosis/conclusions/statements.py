@@ -224,7 +224,7 @@ def summary(
 
     Args:
         findings, verdict: of it.
-        reason: why nothing was tested, where that is the verdict.
+        reason: why nothing was tested, where that is so, or else what is more probable than not.
         before, after: figures of the fit.
         noise: that is left.
     """
@@ -239,7 +239,8 @@ def summary(
         )
     course = "falls" if (after.chi2_per_dof or 0) < (before.chi2_per_dof or 0) else "goes"
     first = f"{before.chi2_per_dof:.4g}"
-    return f"{told} Chi-square per degree of freedom {course} from {first} to {left}"
+    fit = f"Chi-square per degree of freedom {course} from {first} to {left}"
+    return f"{told} {fit} {reason}".strip()
 
 
 def untold(rig: Rig, samples: int, columns: int) -> str:

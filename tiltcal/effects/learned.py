@@ -45,8 +45,8 @@ class Learned(Effect):
     """A learned curve.
 
     Args:
-        coordinate: one of COORDINATES of ``curve_coordinates``, or a table angle; rad, SI, s from
-            the first stamp, K from T0.
+        coordinate: one of COORDINATES of ``curve_coordinates``, or a table angle or its rate; rad,
+            SI, s from the first stamp, K from T0.
         knots: of a spline, increasing; empty for harmonics.
         period: of the first harmonic, 0 for a turn; of a spline that begins anew at its first knot,
             0 for none.

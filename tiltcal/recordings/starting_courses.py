@@ -161,7 +161,7 @@ def instants(
         left = np.where(enough, _left(u / width, y[open_], w, powers), np.inf)
         at, last = np.argmin(left, axis=1), grid.shape[1] - 1
         instant[open_], least[open_] = grid[each, at], left[each, at]
-        # between its neighbours a parabola falls by an eighth of this at most below the least
+        # a parabola falls by an eighth of this at most below the least; what bends at once more
         rise = left[each, [np.maximum(at - 1, 0), np.minimum(at + 1, last)]].max(axis=0)
         rise -= least[open_]
         moving = (t > instant[open_, None]).sum(axis=1)

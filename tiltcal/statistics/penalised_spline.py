@@ -123,13 +123,11 @@ class SmoothCourse:
     Args:
         basis: its splines; coefficients: (free, d).
         roughness: weight of the penalty of each move, in the unit of the readings' weights.
-        shares: of it, for each of the differences, (coefficients - ORDER,).
     """
 
     basis: SplineBasis
     coefficients: Array
     roughness: Array
-    shares: Array
 
     def at(self, time: Array) -> Array:
         """The course at these times, (m, d). time: s, (m,)."""
@@ -158,7 +156,7 @@ def most_probable_course(
     found, _ = _solved(system.matrix + penalty, system.side)
     # normal equations lose half of the digits: what the readings leave brings them back
     more, _ = _solved(system.matrix + penalty, system.left_by(found, weights))
-    return SmoothCourse(basis, (found + more).reshape(-1, system.size), weights, shares)
+    return SmoothCourse(basis, (found + more).reshape(-1, system.size), weights)
 
 
 def _shares(course: SmoothCourse) -> Array:

@@ -26,7 +26,14 @@ def harmonics_of(u: Array, order: int, count: int, pace: float) -> Array:
 
 
 def spline_of(
-    u: Array, order: int, knots: Sequence[float], period: float, weights: Array, goes_on: bool
+    u: Array,
+    order: int,
+    knots: Sequence[float],
+    period: float,
+    weights: Array,
+    *,
+    is_law: bool = False,
+    holds: bool = True,
 ) -> Array:
     """Sums of the splines that are one at each knot, or a derivative, (n, m).
 
@@ -34,23 +41,24 @@ def spline_of(
         u: coordinates, (n,); order: of the derivative.
         knots: (p,); period: after which it begins anew, 0 for none.
         weights: of each spline, (p, m).
-        goes_on: whether it goes on beyond its knots: by its mean slope, as what ends at one knot is
-            as uncertain as a few readings there; through PARABOLA knots as it is.
+        is_law: whether it is a parabola through PARABOLA knots.
+        holds: whether it ends at its knots. Else it goes on beyond: a parabola as it is, others by
+            their mean slope, as what ends at one knot is as uncertain as a few readings there.
     """
     from scipy.interpolate import PPoly
 
     u = knots[0] + (u - knots[0]) % period if period else u
-    parabola = goes_on and len(knots) == PARABOLA
+    parabola = is_law and len(knots) == PARABOLA
     each = cardinal_splines(tuple(knots), *(("not-a-knot",) if parabola else ()))
     spline = PPoly(each.c @ weights, each.x)
-    if parabola:
+    if parabola and not holds:
         return np.asarray(spline(u, order))
     inside = np.clip(u, knots[0], knots[-1])
     beyond, found = (u - inside)[:, None], np.asarray(spline(inside, order))
     if not beyond.any():
         return found
     middle = np.array(knots) - np.mean(knots)
-    slope = middle / (middle @ middle) @ weights if goes_on else np.zeros(1)
+    slope = middle / (middle @ middle) @ weights if not holds else np.zeros(1)
     if order == 0:
         return found + slope * beyond
     return np.where(beyond == 0, found, slope if order == 1 else 0.0)

@@ -136,7 +136,7 @@ class Learned(Effect):
         if self.power:
             return power_of(u, order, self.power, self.odd)[:, None]
         if self.knots:
-            return spline_of(u, order, self.knots, self.period, np.eye(self.count), self.goes_on)
+            return self._spline(u, order, np.eye(self.count))
         if self.instants:
             return transients_at(u, order, self.instants, self.rise, self.fall)
         return harmonics_of(u, order, self.count, 2 * np.pi / self.period if self.period else 1.0)
@@ -144,9 +144,12 @@ class Learned(Effect):
     def curve(self, u: Array, order: int = 0) -> Array:
         """The curve, or its first or second derivative, at some coordinates, (n,)."""
         if self.knots and not self.power:
-            one = self.coefficients[:, None]
-            return spline_of(u, order, self.knots, self.period, one, self.goes_on)[:, 0]
+            return self._spline(u, order, self.coefficients[:, None])[:, 0]
         return np.asarray(self.basis(u, order) @ self.coefficients)
+
+    def _spline(self, u: Array, order: int, weights: Array) -> Array:
+        ends = {"is_law": self.coordinate in CONTINUED, "holds": not self.goes_on}
+        return spline_of(u, order, self.knots, self.period, weights, **ends)
 
     def each(self, u: Jet) -> Jet:
         """The curve of each coefficient along a moving coordinate with its time derivatives, (n,

@@ -266,7 +266,6 @@ def test_an_amended_scenario_without_the_finding_is_not_reproduced(cancelling):
 
 
 def test_a_simulator_that_is_nearer_to_the_recording_than_the_fit_is_no_failure():
-    """By hand both read the motion from noisy sensors, each in its own way."""
     far = [Resimulation(0.5, 4.0, -900.0, 1000), Resimulation(1.1, 4.0, 900.0, 1000)]
     assert [r.failed for r in far] == [False, True]
     assert not Resimulation(refused="no triad").failed

@@ -105,6 +105,18 @@ def test_where_a_hand_begins_and_ends_at_once_the_course_does_not_ring(seed):
     assert np.abs(found - fog).max() < 6 * FOG
 
 
+def test_by_the_others_a_fog_is_predicted_with_their_noise_as_it_was_fitted():
+    """Whatever the smoothing of the triad takes off, and were it motion."""
+    recording, _, _ = turned(1)
+    slow = Recording.from_columns(
+        recording.time[::5],
+        {name: recording.column(name)[::5] for name in recording.column_names},
+    )
+    read = np.column_stack([slow.column(f"gyro_{a}_rad_s") for a in "xyz"])
+    found = predicted_readings(scenario(), slow, ())["fog"][:, 0]
+    np.testing.assert_allclose(found, read @ AXIS, atol=1e-12)
+
+
 def test_with_the_effect_that_is_there_it_predicts_better_than_without():
     recording, _, fog = turned(4, scale=5e-3)
     nominal, amended = (

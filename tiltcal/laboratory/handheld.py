@@ -10,7 +10,7 @@ from tiltcal.core.arrays import Array, Index
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
 from tiltcal.effects.sense import Sense
-from tiltcal.laboratory.smoothing import quiet_readings, stops_of
+from tiltcal.laboratory.smoothing import bridged, quiet_readings, stops_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
@@ -25,7 +25,8 @@ def predicted_readings(
     """What each sensor should read by the others, SI, (n, k) at the recording's rows; NaN where
     nothing predicts it.
 
-    FOGs from the gyro triad's rate, interpolated to their stamps; an accelerometer triad at rest
+    FOGs from the gyro triad's rate, interpolated to their stamps, and what its smoothing took off
+    as it was read; an accelerometer triad at rest
     from |f| = g along its own corrected direction. Gyro triads predict themselves.
 
     Raises:
@@ -41,14 +42,16 @@ def predicted_readings(
         )
     force = force_felt(setup, motion, effects)
     found: dict[str, Array] = {}
-    rate = np.zeros((len(motion), 3))
+    rate = noise = np.zeros((len(motion), 3))
     if gyros:
-        rate = whole(motion, gyros[0], inverted(gyros[0], setup, motion, effects, force))
+        quiet = quiet_readings(gyros[0], motion)
+        rate = whole(motion, gyros[0], inverted(gyros[0], setup, motion, effects, force, quiet))
+        noise = whole(motion, gyros[0], bridged(gyros[0], motion) - quiet)
         found[gyros[0].name] = motion_values(motion, gyros[0])
     for fog in setup.sensors("fog"):
         felt = earlier(rate, motion.time, effects, fog, gyros[0]) if gyros else rate
         sense = sense_of(fog, setup, motion, np.where(np.isnan(force), 0.0, force), felt)
-        found[fog.name] = forward(fog, effects, sense)
+        found[fog.name] = forward(fog, effects, sense) + (noise @ fog.input_vector)[:, None]
     if triads:
         found[triads[0].name] = at_rest(triads[0], setup, motion, effects, force)
     return found

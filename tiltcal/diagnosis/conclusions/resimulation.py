@@ -42,8 +42,6 @@ class Resimulation:
     def failed(self) -> bool:
         """Whether the recording is less probable by the simulator's run than by the fit, 1 / ALPHA
         times and more.
-
-        By hand the run may be the nearer one: it reads the motion from all sensors together.
         """
         return not self.rise <= LIMIT
 

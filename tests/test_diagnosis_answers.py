@@ -272,11 +272,12 @@ def test_a_simulator_that_is_nearer_to_the_recording_than_the_fit_is_no_failure(
     assert "not re-simulated: no triad" in Resimulation(refused="no triad").words
 
 
-def test_an_unlisted_curve_stays_one_though_it_is_not_reproduced(cancelling):
+@pytest.mark.parametrize(("verdict", "left"), [("unlisted", "unlisted"), ("match", "cannot_tell")])
+def test_what_is_not_reproduced_is_neither_named_nor_a_match(cancelling, verdict, left):
     _, found, _, _, answer, amended = cancelling
-    unlisted = replace(answer, verdict="unlisted")
-    again = simulated(unlisted, Wrong(1.0), found.observations, amended)
-    assert again.verdict == "unlisted"
+    said = replace(answer, verdict=verdict)
+    again = simulated(said, Wrong(1.0), found.observations, amended)
+    assert again.verdict == left
     assert "does not reproduce the fit" in again.statement
 
 

@@ -168,10 +168,9 @@ def simulated(
     noted = replace(answer, notes=(*answer.notes, again.words))
     if not again.failed:
         return noted
-    named = answer.verdict in ("explained", "ambiguous")
     return replace(
         noted,
-        verdict="cannot_tell" if named else answer.verdict,
+        verdict="unlisted" if answer.verdict == "unlisted" else "cannot_tell",
         statement=not_reproduced(answer.statement, again.failure),
     )
 

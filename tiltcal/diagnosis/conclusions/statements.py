@@ -286,5 +286,5 @@ def not_reproduced(statement: str, failure: str) -> str:
     """The statement of a diagnosis whose amended scenario failed its re-simulation."""
     return (
         f"{statement} The amended model does not reproduce the fit in the simulator: {failure}."
-        " The findings are not confirmed."
+        " The answer is not confirmed."
     )

@@ -45,8 +45,8 @@ class Learned(Effect):
     """A learned curve.
 
     Args:
-        coordinate: one of COORDINATES of ``curve_coordinates``, or a table angle or its rate; rad,
-            SI, s from the first stamp, K from T0.
+        coordinate: one of COORDINATES, or a table angle or its rate; rad, SI, s from the first
+            stamp, K from T0.
         knots: of a spline, increasing; empty for harmonics.
         period: of the first harmonic, 0 for a turn; of a spline that begins anew at its first knot,
             0 for none.
@@ -55,17 +55,14 @@ class Learned(Effect):
             or cube, and of a readout or a frame that follows the table's motion, the curve is late.
         relaxing: with such a late curve, whether what is left of it is felt: the late curve less
             that of now.
-        play: width of a play, SI: the curve follows its state, in [-1, 1], as the coordinate moves
-            it; 0 for none.
+        play: width of a play, SI, whose state, in [-1, 1], the curve follows; 0 for none.
         power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
             alone.
-        times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, ``speed``,
-            rad/s, a table angle, rad, its rate (``turn_rate_<axis>``), which way it last went
-            (``way_<axis>``), or, of a reading, an input, SI: it varies; empty for none.
+        times: what the curve is multiplied by: ``temperature`` from T0, ``time``, ``speed``, an
+            angle, its rate, which way it last went (``way_<axis>``), or an input of a reading, SI.
         instants: s from the first stamp, of transients over time: each rises evenly to its
-            coefficient within ``rise``, s, before its instant, and falls with the time constant
-            ``fall``, s.
+            coefficient within ``rise``, s, before it, and falls with the time constant ``fall``, s.
         slot: of the frame that it tilts; turn: coordinate axis it tilts about.
         place: stage of the chain it is blamed on.
         holds: whether it holds its last value beyond its knots, over temperature as well.

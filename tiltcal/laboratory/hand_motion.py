@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Mask
+from tiltcal.core.arrays import Array
 from tiltcal.core.quantisation import code_width
 from tiltcal.effects.base import DelayEffect, Effect
 from tiltcal.forward.gravity_transport import EDGE
@@ -24,6 +24,7 @@ from tiltcal.laboratory.handheld import (
     sense_of,
     triads_of,
 )
+from tiltcal.laboratory.lone_readings import alone, differences, without_outliers
 from tiltcal.laboratory.smoothing import bridged, stops_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
@@ -33,14 +34,13 @@ from tiltcal.statistics.noise_spectrum import CHI2_MEDIAN
 from tiltcal.statistics.penalised_spline import (
     LinearReadings,
     SmoothCourse,
-    SplineBasis,
     most_probable_course,
 )
+from tiltcal.statistics.spline_basis import SplineBasis
 
 PASSES = 3  # the first with all readings; then without single outliers and jerks, solved anew
 # s between knots, where samples are not farther apart: a hand trembles at 12 Hz and no faster
 FASTEST = 0.02
-AROUND = 3  # samples on either side, among which an outlier stands alone
 # of the noise of their difference, rms: a larger one is more than smoothing both could save
 AGREEING = 2.0
 SECANT = 10.0  # sigma: the step over which the slope of a sensor's curve is taken
@@ -112,8 +112,8 @@ class HandMotion:
         for _ in range(PASSES):
             fogs = [self._fog_readings(fog, found) for fog in agreeing]
             triad, others = ([self._in_motion(r, growth) for r in some] for some in (gyro, fogs))
-            apart = [_alone(_differences(r, triad)) for r in others]
-            kept = [_without_outliers(r, found, apart) for r in (*triad, *others)]
+            apart = [alone(differences(r, triad)) for r in others]
+            kept = [without_outliers(r, found, apart) for r in (*triad, *others)]
             found = most_probable_course(self._basis, kept, found)
         assert found is not None
         return found
@@ -258,50 +258,3 @@ def _slope(read: Callable[[Array], Array], step: Array) -> Array:
     """
     here, above, below = read(0.0 * step), read(step), read(-step)
     return np.clip(np.minimum(above - here, here - below) / step, 0.0, 1.0)
-
-
-def _differences(fog: LinearReadings, triad: Sequence[LinearReadings]) -> LinearReadings:
-    """What a FOG reads otherwise than the triad: whatever the motion, nothing but noise."""
-    off, variance = fog.value.copy(), 1 / np.maximum(fog.weight, ARITHMETIC)
-    for of, share in zip(triad, fog.direction.T, strict=True):
-        off -= share * np.interp(fog.time, of.time, of.value)
-        weight = np.interp(fog.time, of.time, of.weight)
-        variance = variance + share**2 / np.maximum(weight, ARITHMETIC)
-    return replace(fog, value=off, direction=np.zeros_like(fog.direction), weight=1 / variance)
-
-
-def _alone(readings: LinearReadings, course: SmoothCourse | None = None) -> tuple[Array, Mask]:
-    """When readings were taken, s, and which stand alone off a course, or off nothing, farther than
-    half a reading in all is by chance (Chauvenet). (m,) each.
-
-    Each is compared with the median of its neighbours: what a wrong model adds is smooth.
-    """
-    from scipy.ndimage import median_filter
-    from scipy.special import erfcinv
-
-    off, n = readings.value, len(readings.time)
-    if course is not None:
-        off = off - (readings.direction * course.at(readings.time)).sum(axis=1)
-    off = off - median_filter(off, 2 * AROUND + 1, mode="nearest")
-    limit = np.sqrt(2) * float(erfcinv(1 / (2 * n)))
-    return readings.time, np.abs(off) * np.sqrt(readings.weight) > limit
-
-
-def _without_outliers(
-    readings: LinearReadings,
-    course: SmoothCourse | None,
-    apart: Sequence[tuple[Array, Mask]],
-) -> LinearReadings:
-    """Readings without those that stand alone off a course, while a FOG and the triad differ: where
-    a hand lets go at once, the course is off, and they agree.
-
-    Args:
-        readings: of one channel; course: None while none is known.
-        apart: when each FOG was read, s, and whether it stands alone off the triad, (m,) each.
-    """
-    if course is None or len(readings.time) < 2 * AROUND + 1:
-        return readings
-    time, far = _alone(readings, course)
-    for others, differs in apart:
-        far &= np.interp(time, others, differs) > 0
-    return replace(readings, weight=np.where(far, 0.0, readings.weight))

@@ -548,24 +548,18 @@ def test_what_is_no_learned_curve_is_refused_in_words(where, words, message):
         make_effect("learned", GOOD | words, SETUP, **where)
 
 
-def test_an_axis_that_this_table_has_not_is_refused():
-    with pytest.raises(
-        TiltcalError, match="found coordinate 'table_middle', need an axis of this table"
-    ):
+@pytest.mark.parametrize(
+    ("coordinate", "message"),
+    [
+        ("table_middle", "found coordinate 'table_middle', need an axis of this table"),
+        ("turn_rate_middle", "key coordinate.*found 'turn_rate_middle'"),
+    ],
+)
+def test_an_axis_that_this_table_has_not_is_refused(coordinate, message):
+    with pytest.raises(TiltcalError, match=message):
         make_effect(
             "learned",
-            GOOD | {"coordinate": "table_middle"},
-            setup_of("dual", ACCEL),
-            sensor="accel",
-            axis="x",
-        )
-
-
-def test_the_rate_of_an_axis_that_this_table_has_not_is_refused():
-    with pytest.raises(TiltcalError, match=r"key coordinate.*found 'turn_rate_middle'"):
-        make_effect(
-            "learned",
-            GOOD | {"coordinate": "turn_rate_middle"},
+            GOOD | {"coordinate": coordinate},
             setup_of("dual", ACCEL),
             sensor="accel",
             axis="x",

@@ -7,8 +7,6 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.statistics.cardinal_splines import cardinal_splines
 
-PARABOLA = 3  # knots of a law that goes on as it is
-
 
 def harmonics_of(u: Array, order: int, count: int, pace: float) -> Array:
     """cos(pace u), sin(pace u), cos(2 pace u), ..., or a derivative, (n, count)."""
@@ -32,8 +30,8 @@ def spline_of(
     period: float,
     weights: Array,
     *,
-    is_law: bool = False,
-    holds: bool = True,
+    parabola: bool,
+    holds: bool,
 ) -> Array:
     """Sums of the splines that are one at each knot, or a derivative, (n, m).
 
@@ -41,14 +39,13 @@ def spline_of(
         u: coordinates, (n,); order: of the derivative.
         knots: (p,); period: after which it begins anew, 0 for none.
         weights: of each spline, (p, m).
-        is_law: whether it is a parabola through PARABOLA knots.
-        holds: whether it ends at its knots. Else it goes on beyond: a parabola as it is, others by
-            their mean slope, as what ends at one knot is as uncertain as a few readings there.
+        parabola: whether it is that through three knots.
+        holds: whether it keeps its last value beyond its knots. Else it goes on: a parabola as it
+            is, others by their mean slope, as an end is as uncertain as a few readings there.
     """
     from scipy.interpolate import PPoly
 
     u = knots[0] + (u - knots[0]) % period if period else u
-    parabola = is_law and len(knots) == PARABOLA
     each = cardinal_splines(tuple(knots), *(("not-a-knot",) if parabola else ()))
     spline = PPoly(each.c @ weights, each.x)
     if parabola and not holds:

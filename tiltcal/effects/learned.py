@@ -35,9 +35,8 @@ from tiltcal.setup.trajectory import Drive, Jet
 
 Force = Callable[[], Array]
 CONTINUED = ("temperature",)
-"""Coordinates beyond whose range a spline goes on: the next recording will not have the same
-temperatures.
-"""
+"""Coordinates beyond whose range a spline goes on: the next recording has other temperatures."""
+PARABOLA = 3  # knots over one of them that make a parabola
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,8 @@ class Learned(Effect):
         power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
             alone.
-        times: what the curve is multiplied by: ``temperature`` from T0, ``time``, ``speed``, an
-            angle, its rate, which way it last went (``way_<axis>``), or an input of a reading, SI.
+        times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, ``speed``
+            or the rate of an axis, rad/s, an angle, rad, ``way_<axis>``, or an input of a reading.
         instants: s from the first stamp, of transients over time: each rises evenly to its
             coefficient within ``rise``, s, before it, and falls with the time constant ``fall``, s.
         slot: of the frame that it tilts; turn: coordinate axis it tilts about.
@@ -145,8 +144,9 @@ class Learned(Effect):
         return np.asarray(self.basis(u, order) @ self.coefficients)
 
     def _spline(self, u: Array, order: int, weights: Array) -> Array:
-        ends = {"is_law": self.coordinate in CONTINUED, "holds": not self.goes_on}
-        return spline_of(u, order, self.knots, self.period, weights, **ends)
+        parabola = self.coordinate in CONTINUED and len(self.knots) == PARABOLA
+        form = {"parabola": parabola, "holds": not self.goes_on}
+        return spline_of(u, order, self.knots, self.period, weights, **form)
 
     def each(self, u: Jet) -> Jet:
         """The curve of each coefficient along a moving coordinate with its time derivatives, (n,

@@ -24,7 +24,7 @@ from tiltcal.laboratory.handheld import (
     sense_of,
     triads_of,
 )
-from tiltcal.laboratory.lone_readings import alone, differences, without_outliers
+from tiltcal.laboratory.lone_readings import apart, without_outliers
 from tiltcal.laboratory.smoothing import bridged, stops_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
@@ -38,7 +38,7 @@ from tiltcal.statistics.penalised_spline import (
 )
 from tiltcal.statistics.spline_basis import SplineBasis
 
-PASSES = 3  # the first with all readings; then without single outliers and jerks, solved anew
+PASSES = 3  # the first with all readings, as smooth everywhere; then about the one before
 # s between knots, where samples are not farther apart: a hand trembles at 12 Hz and no faster
 FASTEST = 0.02
 # of the noise of their difference, rms: a larger one is more than smoothing both could save
@@ -112,8 +112,8 @@ class HandMotion:
         for _ in range(PASSES):
             fogs = [self._fog_readings(fog, found) for fog in agreeing]
             triad, others = ([self._in_motion(r, growth) for r in some] for some in (gyro, fogs))
-            apart = [alone(differences(r, triad)) for r in others]
-            kept = [without_outliers(r, found, apart) for r in (*triad, *others)]
+            disagreeing = [apart(r, triad) for r in others]
+            kept = [without_outliers(r, found, disagreeing) for r in (*triad, *others)]
             found = most_probable_course(self._basis, kept, found)
         assert found is not None
         return found

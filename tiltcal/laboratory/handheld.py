@@ -26,8 +26,8 @@ def predicted_readings(
     nothing predicts it.
 
     FOGs from the gyro triad's rate, interpolated to their stamps, and what its smoothing took off
-    as it was read; an accelerometer triad at rest
-    from |f| = g along its own corrected direction. Gyro triads predict themselves.
+    as it was read; an accelerometer triad at rest from |f| = g along its own corrected direction.
+    Gyro triads predict themselves.
 
     Raises:
         TiltcalError: there is no gyro triad and no accelerometer triad.

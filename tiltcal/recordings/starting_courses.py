@@ -153,21 +153,21 @@ def instants(
     instant, least = np.zeros(len(which)), np.zeros(len(which))
     off = np.full(len(which), np.inf)
     grid = np.tile(np.arange(earliest, LATEST, COARSE), (len(which), 1))
-    step, open_ = COARSE, np.arange(len(which))
+    step, unsettled = COARSE, np.arange(len(which))
     for zoom in range(ZOOMS + 1):
-        t, w, each = time[open_], weight[open_], np.arange(len(open_))
+        t, w, each = time[unsettled], weight[unsettled], np.arange(len(unsettled))
         u = np.maximum(t[:, None, :] - grid[:, :, None], 0.0)
         enough = (u > 0).sum(axis=2) >= len(powers) + 2
-        left = np.where(enough, _left(u / width, y[open_], w, powers), np.inf)
+        left = np.where(enough, _left(u / width, y[unsettled], w, powers), np.inf)
         at, last = np.argmin(left, axis=1), grid.shape[1] - 1
-        instant[open_], least[open_] = grid[each, at], left[each, at]
-        # a parabola falls by an eighth of this at most below the least; what bends at once more
+        instant[unsettled], least[unsettled] = grid[each, at], left[each, at]
+        # between grid points a parabola is lower by an eighth of this at most, others by more
         rise = left[each, [np.maximum(at - 1, 0), np.minimum(at + 1, last)]].max(axis=0)
-        rise -= least[open_]
-        moving = (t > instant[open_, None]).sum(axis=1)
+        rise -= least[unsettled]
+        moving = (t > instant[unsettled, None]).sum(axis=1)
         noise = len(rows[0]) - moving  # the rest has its own share of it
-        off[open_] = _beyond(least[open_] - noise, moving - len(powers) - 1)
-        may_be = _beyond(least[open_] - rise - noise, moving - len(powers) - 1) <= refused
+        off[unsettled] = _beyond(least[unsettled] - noise, moving - len(powers) - 1)
+        may_be = _beyond(least[unsettled] - rise - noise, moving - len(powers) - 1) <= refused
         if zoom == 0:
             inside = (at > 0) & (at < last)
             off[~inside] = np.inf
@@ -175,8 +175,8 @@ def instants(
         finer = np.flatnonzero(may_be & (rise > KNOWN))
         if not len(finer):
             break
-        open_ = open_[finer]
-        grid = instant[open_, None] + step * np.linspace(-1, 1, round(2 * ZOOM) + 1)
+        unsettled = unsettled[finer]
+        grid = instant[unsettled, None] + step * np.linspace(-1, 1, round(2 * ZOOM) + 1)
         step /= ZOOM
     return instant, off
 

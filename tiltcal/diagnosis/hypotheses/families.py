@@ -107,13 +107,12 @@ def form_of(curve: Hypothesis) -> tuple[object, ...]:
     """What the parts of one unnamed effect have in common; equal for curves that differ in axis,
     turn or recording only.
     """
-    c = curve.effect
-    assert isinstance(c, Learned)
-    course = c.knots, c.period, c.beside, c.power, c.odd, c.lag, c.relaxing, c.play, c.times
-    form = type(c), len(curve.names), c.coordinate, *course, c.instants, c.rise, c.fall
-    if isinstance(c, LearnedTilt):
-        return *form, c.slot
-    return *form, c.sensor, c.per_input if isinstance(c, LearnedReading) else c.axis
+    effect = curve.effect
+    assert isinstance(effect, Learned)
+    form = type(effect), len(curve.names), *effect.curve_id, effect.sensor
+    if isinstance(effect, LearnedTilt):
+        return *form, effect.slot
+    return *form, effect.per_input if isinstance(effect, LearnedReading) else effect.axis
 
 
 def _same_curve(curve: Hypothesis, host: Hypothesis) -> bool:

@@ -66,15 +66,15 @@ def most_probable(
     """
     nothing = noise_source.left_by(start, whitened)
     best, visited = State(refit(start, nothing), nothing), list[Visit]()
-    ends: list[State] = []
+    ends: list[Visit] = []
     for first in _starts(best, noise_source):
         state = settled(State(refit(start, first), first), noise_source, visited)
         if state.cost < best.cost:
             best = state
         found(len(best.causes))
-        if any(_names(s) == _names(state) and abs(s.cost - state.cost) < SETTLED for s in ends):
+        if _is_among(state, ends):
             break
-        ends.append(state)
+        ends.append((_names(state), state.cost))
     return best
 
 

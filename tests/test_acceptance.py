@@ -8,9 +8,8 @@ from fake_runs import NAMES, SIGMA, at_the_bound, drawn, geometry, rows_of, scen
 from scipy.stats import binom, chi2, kstest
 from statistics_helpers import FALSE_ALARM, rng_of
 
-from tiltcal.validation.effective_dof import effective_dof
-from tiltcal.validation.limits import limits_of
-from tiltcal.validation.tilt_limits import rms_interval
+from tiltcal.validation.accuracy import effective_dof
+from tiltcal.validation.limits import limits_of, rms_interval
 
 VERIFICATIONS = 2000
 

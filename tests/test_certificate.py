@@ -25,8 +25,7 @@ from tiltcal.recordings.recording_files import read_recording
 from tiltcal.report.certificate import certificate_page, make_certificate
 from tiltcal.report.certificate_scope import not_tested, procedure
 from tiltcal.report.certificate_tables import pose_table, rounded
-from tiltcal.report.dcc import dcc_text
-from tiltcal.report.dsi import si_unit
+from tiltcal.report.dcc import dcc_text, si_unit
 from tiltcal.report.pose_residuals import PoseRow, pose_rows
 from tiltcal.report.stated import Stated
 

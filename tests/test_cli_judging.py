@@ -10,7 +10,7 @@ from scenario_files import BENCH_SCENARIO, EFFECTS, HEAD, SEQUENCE
 from tiltcal.calibration.methods.registry import METHODS
 from tiltcal.cli import main
 from tiltcal.cli.commands import COMMANDS
-from tiltcal.cli.demo_case import CONCEALABLE, bench, concealed
+from tiltcal.cli.demo import CONCEALABLE, bench, concealed
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording import Recording

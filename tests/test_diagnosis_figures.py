@@ -22,8 +22,12 @@ from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation, slow
 from tiltcal.diagnosis.search.claimed_causes import CLAIM
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.statistics.cosine_transform import cosines, quick_length
-from tiltcal.statistics.noise_spectrum import NoiseFit, estimate_noise, white_noise
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import (
+    NoiseFit,
+    WhiteFlickerWalk,
+    estimate_noise,
+    white_noise,
+)
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 400.0}
 WHITE, RATE = 25.0, 10.0

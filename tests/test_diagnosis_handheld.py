@@ -36,8 +36,7 @@ from tiltcal.forward.gravity_transport import GravityTransport, Windows, turns_b
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.statistics.noise_spectrum import NoiseFit
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import NoiseFit, WhiteFlickerWalk
 
 G = 9.80123
 TRIADS = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml")

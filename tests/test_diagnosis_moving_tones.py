@@ -12,8 +12,7 @@ from tiltcal.diagnosis.residual_checks.moving_tones import LENGTHS, likeliest_ri
 from tiltcal.diagnosis.residual_checks.oscillations import EXCESS, equalised, log_excess_of_sums
 from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED
 from tiltcal.statistics.cosine_transform import cosines
-from tiltcal.statistics.noise_spectrum import estimate_noise
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import WhiteFlickerWalk, estimate_noise
 
 WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample, m/s2
 CLAIMED, TOLD = (np.log(p / (1 - p) / 0.125 * 3) for p in (CLAIM, DOUBTED))

@@ -38,8 +38,7 @@ from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import State
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.spans import SpectralLines
-from tiltcal.statistics.noise_spectrum import NoiseFit
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import NoiseFit, WhiteFlickerWalk
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
 

@@ -26,8 +26,7 @@ from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.search.random_settings import WIDTHS, common_width, lawful
 from tiltcal.effects import CATALOGUE
 from tiltcal.statistics.cosine_transform import cosines
-from tiltcal.statistics.noise_spectrum import NoiseFit
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import NoiseFit, WhiteFlickerWalk
 
 ARCSEC = np.radians(1 / 3600)
 INDEX = {"id": "table_index_error", "axis": "outer", "sigma_arcsec": 60.0}

@@ -27,7 +27,7 @@ from tiltcal.effects import to_file
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, fresh, parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 
 UP = [{"action": "move", "outer_deg": float(a), "dwell_s": 2.0} for a in range(0, 91, 10)]

@@ -274,7 +274,7 @@ def test_given_dwells_are_taken_and_missing_parts_are_refused_in_words():
 
 def test_attitude_after_a_turn_is_better_than_before_by_what_the_scale_was_wrong():
     found = calibrate("fog_scale", recorded(), SCENARIO)
-    from tiltcal.validation.gyro_accuracy import attitude_error
+    from tiltcal.validation.accuracy import attitude_error
 
     error = attitude_error(SCENARIO, SCENARIO.effects, found)
     assert error.before == pytest.approx(

@@ -18,7 +18,7 @@ from tiltcal.recordings import span_means
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording, write_recording
 from tiltcal.recordings.span_means import Spans
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import WhiteFlickerWalk
 
 POSES = [(0, 0), (90, 0), (180, 0), (-90, 0), (90, 90), (-90, 90), (45, 30), (0, 180)]
 

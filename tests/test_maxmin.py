@@ -11,8 +11,7 @@ import pytest
 from statistics_helpers import rng_of
 
 from tiltcal.cli import main
-from tiltcal.cli.design import TEXTBOOK
-from tiltcal.cli.maxmin_design import summary
+from tiltcal.cli.design import TEXTBOOK, summary
 from tiltcal.core.units import DEG
 from tiltcal.design.classic import classic
 from tiltcal.design.maxmin import (
@@ -22,8 +21,9 @@ from tiltcal.design.maxmin import (
     blind_to_nothing,
     goal_of,
     grid_of_poses,
+    most_log_det,
+    most_visible,
 )
-from tiltcal.design.optimal_weights import most_log_det, most_visible
 from tiltcal.design.signatures import Field, catalogue_signatures
 from tiltcal.design.static_instrument import Still
 from tiltcal.design.time_budget import Clock

@@ -8,8 +8,15 @@ from scipy.signal import lfilter
 
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.statistics.dwell_noise import white_at_rest
-from tiltcal.statistics.noise_spectrum import CONFIDENCE, NoiseFit, cosines, estimate_noise
-from tiltcal.statistics.white_flicker_walk import LEAST_WHITE, WhiteFlickerWalk, deviance
+from tiltcal.statistics.noise_spectrum import (
+    CONFIDENCE,
+    LEAST_WHITE,
+    NoiseFit,
+    WhiteFlickerWalk,
+    cosines,
+    deviance,
+    estimate_noise,
+)
 
 MODELS = [
     WhiteFlickerWalk(1.0),

@@ -19,8 +19,7 @@ from tiltcal.diagnosis.model.noise_prior import (
 )
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.cosine_transform import cosines
-from tiltcal.statistics.noise_spectrum import estimate_noise
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import WhiteFlickerWalk, estimate_noise
 
 # bias instability of x, y and z, gyro and accelerometer, each in a unit of its own, as owners of
 # these instruments published what imu_utils and allan_variance_ros made of hours at rest

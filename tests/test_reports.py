@@ -30,11 +30,10 @@ from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import AngleEffect, FrameEffect
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.report.certificate import certificate_page, make_certificate
-from tiltcal.report.diagnosis import lead, write_diagnosis
+from tiltcal.report.design import write_separating_block
+from tiltcal.report.diagnosis import law_plots, lead, spectrum_plot, write_diagnosis
 from tiltcal.report.investigation import write_investigation
 from tiltcal.report.poses import poses_of, poses_of_steps
-from tiltcal.report.residuals import law_plots, spectrum_plot
-from tiltcal.report.separating_block import write_separating_block
 from tiltcal.report.stated import Stated
 
 HOSTILE = "</script><script>document.title='run'</script><b>\"'&amp;"

@@ -10,8 +10,13 @@ from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.assets import folder
 from tiltcal.laboratory.scenario import Scenario, load_scenario
-from tiltcal.validation.accuracy import TiltError, normalised_error, tilt_error, true_parameters
-from tiltcal.validation.gyro_accuracy import attitude_error
+from tiltcal.validation.accuracy import (
+    TiltError,
+    attitude_error,
+    normalised_error,
+    tilt_error,
+    true_parameters,
+)
 
 CASES = (
     "six_faces_dual",

@@ -12,9 +12,9 @@ import numpy as np
 from tiltcal.cli.design import TEXTBOOK
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.gym.calibrations import Task
+from tiltcal.design.gym.environment import CalibrationVector
 from tiltcal.design.gym.policies import leaderboard
 from tiltcal.design.gym.training import train
-from tiltcal.design.gym.vector import CalibrationVector
 from tiltcal.design.maxmin import blind_to_nothing, grid_of_poses
 from tiltcal.design.plan import design
 from tiltcal.design.polynomial import textbook_model

@@ -84,7 +84,7 @@ def _interrupted() -> int:
 
 def _refused(message: str) -> int:
     """The one message, and the exit status of unusable input."""
-    from tiltcal.core.plain_text import plain
+    from tiltcal.core.safe_text import plain
 
     print(plain(f"tiltcal: {message}"), file=sys.stderr)
     return 2

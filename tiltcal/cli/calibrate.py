@@ -23,9 +23,8 @@ from tiltcal.core.progress import silent
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.segment_files import read_segments
 from tiltcal.recordings.span_means import read_averaged
-from tiltcal.report.budget import BUDGET_COLUMNS, budget_rows
-from tiltcal.report.parameters import parameter_rows
 from tiltcal.report.stated import NOTHING_STATED
+from tiltcal.report.tables import BUDGET_COLUMNS, budget_rows, parameter_rows
 from tiltcal.validation.uncertainty_budget import Budget
 
 BUDGET_HEADER = ("parameter", "source", "type", *BUDGET_COLUMNS[3:])

@@ -15,8 +15,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario
-from tiltcal.laboratory.serve.mechanics import MechanicalLaboratory
-from tiltcal.laboratory.serve.rate_table import RateTable
+from tiltcal.laboratory.serve.rate_table import MechanicalLaboratory, RateTable
 from tiltcal.laboratory.serve.server import Server, Wires
 
 PORT = Parameter(converter=WHOLE.converter, validator=between(0, 65535))

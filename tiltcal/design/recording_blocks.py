@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
 

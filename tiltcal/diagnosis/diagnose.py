@@ -35,8 +35,7 @@ from tiltcal.recordings.pieces import estimated_rows
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.span_means import LONGEST, spans_of
-from tiltcal.statistics.noise_spectrum import NoiseModel
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import NoiseModel, WhiteFlickerWalk
 
 Search = Callable[[PreparedData], Explained]
 """From data, with the columns of all hypotheses, to the most probable explanation."""

@@ -11,8 +11,8 @@ from typing import IO, Any
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.csv_cells import cell_of, comment_of, text_of
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.safe_text import cell_of, comment_of, text_of
 from tiltcal.core.units import split_unit
 from tiltcal.recordings.arrow_columns import arrow_table, to_numpy
 from tiltcal.recordings.recording import Recording

@@ -10,10 +10,9 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.numbers_in_text import numbers_in
+from tiltcal.recordings.formats.cells import iso_stamps, numbers_in
 from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable
 from tiltcal.recordings.formats.registry import read_raw
-from tiltcal.recordings.formats.stamps_of_text import iso_stamps
 from tiltcal.recordings.formats.text import bad_cell
 from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
 from tiltcal.recordings.mapping import ColumnWords, Mapping, TimeWords

@@ -17,8 +17,14 @@ from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.recordings.span_means import averaging_note, read_averaged, require_room, spans_of
 from tiltcal.setup.tables import axis_of
-from tiltcal.statistics.allan import AllanDeviation, NoiseModel, allan_deviation, fit_noise
-from tiltcal.statistics.running_allan import DENSE, RunningAllan
+from tiltcal.statistics.allan import (
+    DENSE,
+    AllanDeviation,
+    NoiseModel,
+    RunningAllan,
+    allan_deviation,
+    fit_noise,
+)
 
 NOISY = ("acceleration", "angle", "rate", "raw")  # quantities of a sensor's columns
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.units import unit_sign
-from tiltcal.report.budget import NEGLIGIBLE
 from tiltcal.report.pose_residuals import PoseRow
+from tiltcal.report.tables import NEGLIGIBLE
 from tiltcal.setup.setup import Setup
 from tiltcal.validation.uncertainty_budget import COVERAGE, Budget
 

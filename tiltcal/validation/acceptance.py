@@ -18,12 +18,9 @@ from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.laboratory.scenario_tables import EstimatorTable, MethodTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.validation.accuracy import TiltError
-from tiltcal.validation.limit import Limit
-from tiltcal.validation.limits import limits_of
-from tiltcal.validation.online.judging import run_estimator
-from tiltcal.validation.online.online_result import OnlineResult
+from tiltcal.validation.limits import Limit, dof_of_mean, limits_of, tilts
+from tiltcal.validation.online.judging import OnlineResult, run_estimator
 from tiltcal.validation.runs import Keeper, Row, Run, Workers, results_by_seed
-from tiltcal.validation.tilt_limits import dof_of_mean, tilts
 from tiltcal.validation.uncertainty_budget import Budget, make_budget
 
 RUN_BYTES = 20_000  # of memory for a run and its calibration, measured

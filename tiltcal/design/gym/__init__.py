@@ -18,7 +18,7 @@ RIG = "tiltcal/Rig-v0"
 
 def register_envs() -> None:
     """Register the environments; twice does no harm."""
-    places = {id: (f"environment:{name}", f"vector:{name}Vector") for id, name in IDS.items()} | {
+    places = {id: (f"environment:{name}", f"environment:{name}Vector") for id, name in IDS.items()} | {
         RIG: ("rig_environment:RigEnvironment", "rig_environment:RigEnvironmentVector")
     }
     for id, (single, many) in places.items():

@@ -11,8 +11,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.design.classic import baseline
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.gym.calibrations import Bench, Task
+from tiltcal.design.gym.environment import CalibrationVector
 from tiltcal.design.gym.spaces import DWELLS, action_of, menu
-from tiltcal.design.gym.vector import CalibrationVector
 from tiltcal.design.plan import design
 from tiltcal.design.polynomial import textbook_model
 

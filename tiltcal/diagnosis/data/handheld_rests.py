@@ -15,8 +15,8 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import group_directions
 from tiltcal.statistics.cosine_transform import cosines
 from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
+from tiltcal.statistics.least_squares import column_space
 from tiltcal.statistics.noise_spectrum import NoiseFit
-from tiltcal.statistics.projection import column_space
 
 REST = "rest"  # extra column of an averaged log
 KEPT_AT_REST = 6000  # rows: a longer log is averaged in its rests

@@ -11,7 +11,7 @@ from tiltcal.diagnosis.investigation.rival_hypotheses import Question
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, fresh
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.tables import angle_key, axis_of
 

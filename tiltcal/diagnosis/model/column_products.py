@@ -15,7 +15,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, Vector
 from tiltcal.diagnosis.model.inner_products import InnerProducts
 from tiltcal.diagnosis.model.normal_equations import NormalEquations, gram_of, projected_equations
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.statistics.projection import inverse_root
+from tiltcal.statistics.least_squares import inverse_root
 
 MOST = 400  # vectors whose inner products are kept
 

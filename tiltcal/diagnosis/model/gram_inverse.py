@@ -3,7 +3,7 @@
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
-from tiltcal.statistics.projection import DISTINCT
+from tiltcal.statistics.least_squares import DISTINCT
 
 
 def column_lengths(gram: Array, sized: Mask) -> Array:

@@ -15,8 +15,7 @@ from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.inner_products import InnerProducts
 from tiltcal.diagnosis.model.score_test import ScoreTest
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, WhiteFlickerWalk
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from scipy.special import log_ndtr, logsumexp
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel, Columns
 from tiltcal.statistics.cosine_transform import cosines, inverse_cosines
-from tiltcal.statistics.projection import column_space
+from tiltcal.statistics.least_squares import column_space
 
 FEWEST = 24  # frequencies of the slowest range: with fewer, a motion is no random one
 UNSEEN = 0.1

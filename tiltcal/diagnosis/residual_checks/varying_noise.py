@@ -31,7 +31,7 @@ from tiltcal.diagnosis.residual_checks.sectors_and_cycles import (
 from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_coordinates import coordinate_of
 from tiltcal.recordings.recording import stem
-from tiltcal.statistics.projection import column_space
+from tiltcal.statistics.least_squares import column_space
 
 AFTER = (0.3, 1.0, 3.0, 10.0)  # s, in which the noise may settle after a move
 DEGREE = 5  # of the law by which it may depend on temperature, speed and its changes

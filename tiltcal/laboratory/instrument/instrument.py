@@ -10,8 +10,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
 from tiltcal.effects.events import as_met
 from tiltcal.effects.stepwise import Rows
-from tiltcal.laboratory.instrument.chain import INPUT, SensorChain, Surroundings
-from tiltcal.laboratory.instrument.history import History
+from tiltcal.laboratory.instrument.chain import INPUT, History, SensorChain, Surroundings
 from tiltcal.laboratory.laboratory import NEW
 from tiltcal.laboratory.scenario import Scenario
 

@@ -9,8 +9,7 @@ import numpy as np
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.optional_library import library
 from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.grouping import by_length
-from tiltcal.recordings.formats.raw_table import Raw, RawFile, vectors
+from tiltcal.recordings.formats.raw_table import Raw, RawFile, by_length, vectors
 
 _UNIT_KEYS = ("units", "unit", "UNITS", "Unit", "Units")
 _CLASS = "MATLAB_class"

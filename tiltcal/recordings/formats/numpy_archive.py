@@ -8,8 +8,7 @@ import numpy as np
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.grouping import by_length
-from tiltcal.recordings.formats.raw_table import Raw, RawFile, vectors
+from tiltcal.recordings.formats.raw_table import Raw, RawFile, by_length, vectors
 
 
 def read_npz(path: Path, budget: Budget) -> RawFile:

@@ -7,8 +7,7 @@ from typing import Any
 
 from tiltcal.core.optional_library import library
 from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.grouping import by_length
-from tiltcal.recordings.formats.raw_table import DAMAGED, Raw, RawFile, RawTable, vectors
+from tiltcal.recordings.formats.raw_table import DAMAGED, Raw, RawFile, RawTable, by_length, vectors
 
 TIME = "waveform time"
 """Name of the column of times that follow from ``wf_increment``, s."""

@@ -12,8 +12,7 @@ from pydantic import Field, ValidationError, field_validator
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
 from tiltcal.laboratory.scenario import load_scenario
-from tiltcal.validation.campaign.factors import Factor, Part
-from tiltcal.validation.campaign.fields import Document
+from tiltcal.validation.campaign.factors import Document, Factor, Part
 
 
 class CampaignTable(Part):

@@ -8,9 +8,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import make_folder, write_json
+from tiltcal.core.files import claimed, make_folder, write_json
 from tiltcal.core.progress import Progress
 from tiltcal.core.read_back import Stored, checked, read_json
 from tiltcal.core.tasks.engines import Engine

@@ -1,6 +1,9 @@
-"""Rows at which a table's readout has not moved."""
+"""Standstills of a table: rows at which its readout has not moved. They are cached by the contents
+of the readout, because one recording is replayed many times with its columns read anew.
+"""
 
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import pairwise
 from math import comb
 
@@ -9,7 +12,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 from tiltcal.core.quantisation import code_width
+from tiltcal.recordings.differentiation import Rates, differentiate, noise_of_stamped
+from tiltcal.recordings.rest_edges import edges
 from tiltcal.recordings.segmentation import resting_rows
+from tiltcal.recordings.stamps import sampled_at
 from tiltcal.setup.pauses import breaks
 from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
@@ -116,3 +122,46 @@ def _goes_on(part: Array, noise: Array) -> bool:
     left = part - basis @ (basis.T @ part)
     spread = np.sqrt((left**2).sum(axis=0) / (len(part) - degree - 1))
     return bool((spread <= GOES_ON * noise).all())
+
+
+def sign_of(angle: Array) -> float:
+    """Sign of the angle that is furthest from zero. angle: rad, (n,)."""
+    return -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0
+
+
+@lru_cache(maxsize=24)
+def rests_of(time: bytes, angles: bytes, axes: int) -> tuple[Mask, Index]:
+    """``at_rest`` of the contents of arrays, (n,) and (n, axes)."""
+    return at_rest(np.frombuffer(time), np.frombuffer(angles).reshape(-1, axes))
+
+
+@lru_cache(maxsize=24)
+def edges_of(time: bytes, angle: bytes) -> tuple[Array, Array]:
+    """When an axis left a rest, s, (k,), and when it came to one, of the contents of arrays."""
+    x = np.frombuffer(angle)
+    t = sampled_at(np.frombuffer(time), x)
+    if len(t) < 9 or np.ptp(x) == 0:
+        return np.zeros(0), np.zeros(0)
+    still, parted = rests_of(t.tobytes(), angle, 1)
+    noise, step = noise_of_stamped(t, x, still, parted), float(np.median(np.diff(t)))
+    if not len(noise):
+        return np.zeros(0), np.zeros(0)
+    leaves, comes = edges(t / step, x, still, noise, parted)
+    return leaves * step, comes * step
+
+
+@lru_cache(maxsize=24)
+def rates_of(time: bytes, angle: bytes) -> Rates:
+    """The rates of one axis, of the contents of arrays, (n,): it rests for itself, whatever the
+    others do.
+    """
+    x = np.frombuffer(angle)
+    t = sampled_at(np.frombuffer(time), x)
+    return differentiate(t, x, *rests_of(t.tobytes(), angle, 1))
+
+
+def forget_replays() -> None:
+    """Free what is kept of the readouts that were replayed last."""
+    rests_of.cache_clear()
+    edges_of.cache_clear()
+    rates_of.cache_clear()

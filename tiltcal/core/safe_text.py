@@ -1,11 +1,24 @@
-"""Text in the cells of CSV files: a spreadsheet must not take it for a formula, and it reads back
-exactly.
+"""Text from files and arguments where it could act. On a terminal control characters are written
+out; in a CSV cell a spreadsheet must not take it for a formula, and it reads back exactly.
 
-A text that a spreadsheet would take for a formula gets an apostrophe in front, which reading takes
-away. The directions ``+x`` and ``-z`` and numbers stay as they are: they compute nothing.
+A text that a spreadsheet would take for a formula gets an apostrophe in front, and so does one
+that begins with an apostrophe.
 """
 
 import re
+
+COMMANDING = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+"""Control characters but tab and line feed, marks that turn the direction of text, and half
+characters.
+"""
+
+
+def plain(text: str) -> str:
+    """``text`` with what would command a terminal written out, as ``\\x1b``."""
+    return COMMANDING.sub(lambda found: ascii(found.group())[1:-1], text)
+
 
 FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """The beginning of a text that is a formula to a spreadsheet, or would be one after reading."""

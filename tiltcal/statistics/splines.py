@@ -1,12 +1,13 @@
-"""A smooth course of a vector from noisy linear readings of it, with intervals of standstill.
+"""Cubic and B-splines, and the smooth course of a vector that they describe.
 
-The course is a B-spline. Differences of its coefficients are penalised, which is a prior: between
-two rests the fourth differences are white noise of one variance, and that variance is the most
+The course comes from noisy linear readings of the vector, with intervals of standstill.
+
+It is a B-spline. Differences of its coefficients are penalised, which is a prior: between two
+standstills the fourth differences are white noise of one variance, and that variance is the most
 probable one given the readings (restricted maximum likelihood). About a course that is known
-roughly their tails are those of Student's t: a hand lets go at once. In a rest the course is
-constant.
-The estimate is the posterior mean; a Rauch-Tung-Striebel smoother of a four times integrated white
-noise gives the same course, here with as many states as there are knots.
+roughly their tails are those of Student's t: a hand lets go at once. At a standstill the course is
+constant. The estimate is the posterior mean; a Rauch-Tung-Striebel smoother of a four times
+integrated white noise gives the same course, here with as many states as there are knots.
 
 Sources: Eilers, Marx (1996), flexible smoothing with B-splines and penalties; Wecker, Ansley
 (1983), the signal extraction approach to nonlinear regression and spline smoothing; Wahba (1985), a
@@ -17,16 +18,101 @@ statistical modeling using the t distribution, for its reweighting and its four 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.statistics.spline_basis import DEGREE, SplineBasis
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+
+@cache
+def cardinal_splines(
+    knots: tuple[float, ...], ends: Literal["natural", "not-a-knot"] = "natural"
+) -> Any:
+    """The cubic splines that are one at a knot and zero at the others; of three knots that are
+    ``not-a-knot`` the parabolas.
+    """
+    from scipy.interpolate import CubicSpline, PPoly
+
+    if len(knots) == 2:  # straight: nothing to solve
+        slope = 1 / (knots[1] - knots[0])
+        return PPoly(np.array([[[-slope, slope]], [[1.0, 0.0]]]), knots)
+    return CubicSpline(knots, np.eye(len(knots)), bc_type=ends)
+
+
+ORDER = 4  # of the differences that are penalised
+DEGREE = 2 * ORDER - 1  # of a smoothing spline with that penalty
+
+
+@dataclass(frozen=True)
+class SplineBasis:
+    """B-splines with equal steps; the coefficients of one rest are one coefficient.
+
+    Args:
+        start, end: s; step: of the knots, s.
+        rests: (begin, end) of each, s, in order of time, without overlap.
+    """
+
+    start: float
+    end: float
+    step: float
+    rests: tuple[tuple[float, float], ...]
+
+    @cached_property
+    def knots(self) -> Array:
+        """s, (coefficients + DEGREE + 1,)."""
+        steps = max(int(np.ceil((self.end - self.start) / self.step)), 1)
+        found: Array = self.start + self.step * np.arange(-DEGREE, steps + DEGREE + 1.0)
+        return found
+
+    @cached_property
+    def group(self) -> Index:
+        """Which free coefficient each coefficient is, rising, (coefficients,)."""
+        middle = self.knots[: -DEGREE - 1] + self.step * (DEGREE + 1) / 2
+        middle = np.clip(middle, self.start, self.end)
+        begins, ends = np.array(self.rests).reshape(-1, 2).T
+        which = np.searchsorted(begins, middle, side="right") - 1
+        inside = (which >= 0) & (middle <= ends[which] if len(ends) else False)
+        rest = np.where(inside, which, -1)
+        tied = (rest[1:] == rest[:-1]) & (rest[1:] >= 0)
+        return np.concatenate([[0], np.cumsum(~tied)])
+
+    @cached_property
+    def _tie(self) -> "csr_array":
+        from scipy.sparse import csr_array
+
+        rows = np.arange(len(self.group))
+        return csr_array((np.ones(len(rows)), (rows, self.group)))
+
+    def design(self, time: Array) -> "csr_array":
+        """Values of the free splines, (m, free). time: s, held at the ends, (m,)."""
+        from scipy.interpolate import BSpline
+
+        at = np.clip(time, self.start, self.end)
+        return BSpline.design_matrix(at, self.knots, DEGREE) @ self._tie
+
+    @cached_property
+    def differences(self) -> "csr_array":
+        """Differences of the coefficients, (coefficients - ORDER, free); all zero inside a rest."""
+        from scipy.sparse import csr_array, eye_array
+
+        operator = csr_array(eye_array(len(self.group)))
+        for _ in range(ORDER):
+            operator = operator[1:] - operator[:-1]
+        found = csr_array(operator @ self._tie)
+        found.eliminate_zeros()
+        return found
+
+    @cached_property
+    def moves(self) -> tuple[Index, ...]:
+        """Rows of ``differences`` of each move: those between two rests. (m,) each."""
+        rows = np.flatnonzero(np.diff(self.differences.indptr) > 0)
+        return tuple(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)) if len(rows) else ()
+
 
 # of the penalty over the readings: the weights that are tried, as far as rounding allows
 DECADES = np.arange(-12.0, 9.0, 2.0)

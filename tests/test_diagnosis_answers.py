@@ -11,9 +11,9 @@ import pytest
 from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.conclusions.answering import answered, simulated
-from tiltcal.diagnosis.conclusions.fault_findings import finding_of
 from tiltcal.diagnosis.conclusions.finding import in_words, verdict_of
 from tiltcal.diagnosis.conclusions.law_plots import laws_of
+from tiltcal.diagnosis.conclusions.other_findings import finding_of
 from tiltcal.diagnosis.conclusions.resimulation import Resimulation
 from tiltcal.diagnosis.conclusions.whole_law import _as_left
 from tiltcal.diagnosis.data_quality.fault import Fault
@@ -23,8 +23,8 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit
+from tiltcal.diagnosis.search.candidates import Names
 from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.diagnosis.search.state import Doubt
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading

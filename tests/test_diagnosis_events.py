@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tiltcal.core.units import G0
-from tiltcal.diagnosis.conclusions.events import beside_drawn_anew
+from tiltcal.diagnosis.conclusions.one_recording import beside_drawn_anew
 from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.instants import instants
-from tiltcal.diagnosis.search.name_probabilities import Names
+from tiltcal.diagnosis.search.candidates import Names
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.events import as_met, same_recording
 from tiltcal.laboratory.laboratory import SimulatedLaboratory

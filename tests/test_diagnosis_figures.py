@@ -12,14 +12,14 @@ from scipy.stats import binom, norm
 from statistics_helpers import FALSE_ALARM
 
 from tiltcal.diagnosis.conclusions.fit_figures import under_fixed_white, white_level
-from tiltcal.diagnosis.conclusions.nameless_findings import nameless_doubts, nameless_findings
-from tiltcal.diagnosis.conclusions.noise_variance import noise_dependences
+from tiltcal.diagnosis.conclusions.noise_figures import noise_dependences
+from tiltcal.diagnosis.conclusions.other_findings import nameless_doubts, nameless_findings
 from tiltcal.diagnosis.conclusions.statements import doubted
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation, slow_variations
-from tiltcal.diagnosis.search.claimed_causes import CLAIM
+from tiltcal.diagnosis.search.explained import CLAIM
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.statistics.cosine_transform import cosines, quick_length
 from tiltcal.statistics.noise_spectrum import (

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from statistics_helpers import rng_of
 
 from tiltcal.core.assets import folder
-from tiltcal.diagnosis.data.handheld_rests import (
+from tiltcal.diagnosis.data.handheld_recording import (
     KEPT_AT_REST,
     condensed,
     direction_polynomials,
@@ -28,7 +28,7 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.curves import lags_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
-from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
+from tiltcal.diagnosis.search.best_shape import normalise_tone_phase
 from tiltcal.effects import make_effect
 from tiltcal.effects.hysteresis_and_lag import LAGS, first_order_lag
 from tiltcal.effects.learned import LearnedReading

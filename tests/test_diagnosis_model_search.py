@@ -13,24 +13,23 @@ from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, with_values
 from tiltcal.diagnosis.hypotheses.priors import EXPECTED_CAUSES, UNLISTED, log_priors
 from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of
-from tiltcal.diagnosis.model.column_products import ColumnProducts
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.search import model_search
-from tiltcal.diagnosis.search.claimed_causes import (
+from tiltcal.diagnosis.search.best_shape import normalise_tone_phase
+from tiltcal.diagnosis.search.dictionary import build_dictionary
+from tiltcal.diagnosis.search.explained import (
     CLAIM,
     _without,
     believed,
     probability_of,
 )
-from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explanation import explain
 from tiltcal.diagnosis.search.model_search import _exchanged, most_probable
 from tiltcal.diagnosis.search.names import named
 from tiltcal.diagnosis.search.proposals import proposals
-from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
+from tiltcal.diagnosis.search.scan import ColumnProducts, Scan
 from tiltcal.diagnosis.search.state import (
     Cause,
     Proposal,

@@ -8,9 +8,14 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.stats import gamma
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.residual_checks.moving_tones import LENGTHS, likeliest_ridge
-from tiltcal.diagnosis.residual_checks.oscillations import EXCESS, equalised, log_excess_of_sums
-from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED
+from tiltcal.diagnosis.residual_checks.oscillations import (
+    EXCESS,
+    LENGTHS,
+    equalised,
+    likeliest_ridge,
+    log_excess_of_sums,
+)
+from tiltcal.diagnosis.search.explained import CLAIM, DOUBTED
 from tiltcal.statistics.cosine_transform import cosines
 from tiltcal.statistics.noise_spectrum import WhiteFlickerWalk, estimate_noise
 

@@ -8,9 +8,8 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.stats import f as f_distribution
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.residual_checks.narrow_bands import _likeliest, log_excess
-from tiltcal.diagnosis.residual_checks.oscillations import EXCESS
-from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED
+from tiltcal.diagnosis.residual_checks.oscillations import EXCESS, _likeliest, log_excess
+from tiltcal.diagnosis.search.explained import CLAIM, DOUBTED
 from tiltcal.statistics.cosine_transform import cosines
 
 WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample, m/s2

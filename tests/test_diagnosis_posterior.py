@@ -18,22 +18,24 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED_SHARE, log_priors
-from tiltcal.diagnosis.model.bayes_factors import ENERGIES, SIZES, any_of, log_bayes_factor
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.noise_prior import noise_price
 from tiltcal.diagnosis.model.normal_equations import normal_equations
 from tiltcal.diagnosis.model.refitting import PRIOR, log_det_information, refit
-from tiltcal.diagnosis.model.score_test import SURVIVES
+from tiltcal.diagnosis.model.score_test import ENERGIES, SIZES, SURVIVES, any_of, log_bayes_factor
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.column_selection import ColumnSelection
+from tiltcal.diagnosis.search.candidates import (
+    Row,
+    _is_again,
+    imitated,
+    imitation_odds,
+    name_probabilities,
+)
+from tiltcal.diagnosis.search.column_selection import ColumnSelection, NumberEvidence
 from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explanation import explain, explanation_of
 from tiltcal.diagnosis.search.local_level import level_beside, local_level
-from tiltcal.diagnosis.search.name_probabilities import Row, imitation_odds, name_probabilities
-from tiltcal.diagnosis.search.number_evidence import NumberEvidence
-from tiltcal.diagnosis.search.rows_in_place import _is_again
-from tiltcal.diagnosis.search.rows_without_name import imitated
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import State
 from tiltcal.effects import CATALOGUE

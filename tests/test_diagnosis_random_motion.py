@@ -14,8 +14,13 @@ from statistics_helpers import mean_band
 from tiltcal.core.frames import rotation
 from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.residual_checks.cross_prediction import CrossPrediction, Place, log_factor
-from tiltcal.diagnosis.residual_checks.random_motion import Octave, _factor
+from tiltcal.diagnosis.residual_checks.random_motion import (
+    CrossPrediction,
+    Octave,
+    Place,
+    _factor,
+    log_factor,
+)
 
 ROWS, RATE = 6000, 20.0
 

@@ -6,7 +6,7 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.lines.lines_in_coefficients import late_of
+from tiltcal.diagnosis.lines.spectral_lines import late_of
 from tiltcal.laboratory.scenario import parse_scenario
 
 EVERY = 7.3  # s

@@ -8,7 +8,7 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.stats import norm
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.residual_checks.sectors_and_cycles import (
+from tiltcal.diagnosis.residual_checks.varying_noise import (
     SECTORS,
     SIZES,
     likeliest_cycle,
@@ -16,7 +16,7 @@ from tiltcal.diagnosis.residual_checks.sectors_and_cycles import (
     noisy_sectors,
     parts_agree,
 )
-from tiltcal.diagnosis.search.claimed_causes import DOUBTED
+from tiltcal.diagnosis.search.explained import DOUBTED
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
 

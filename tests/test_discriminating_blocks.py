@@ -16,11 +16,14 @@ from tiltcal.design.recording_blocks import Block, TableLimits, candidates, said
 from tiltcal.diagnosis.investigation.discriminating_blocks import (
     ENOUGH,
     Pair,
+    blank,
+    come_to,
+    imagined,
     judged,
+    last_sides,
     propose,
     separations,
 )
-from tiltcal.diagnosis.investigation.imagined_recordings import blank, come_to, imagined, last_sides
 from tiltcal.diagnosis.investigation.next_block import Limits, next_block, table_of
 from tiltcal.diagnosis.investigation.rival_hypotheses import Question, questions
 from tiltcal.effects import to_file

@@ -9,7 +9,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.quantisation import code_width
 from tiltcal.diagnosis.data.channels import changed
-from tiltcal.diagnosis.data.handheld_rests import known_stops
+from tiltcal.diagnosis.data.handheld_recording import known_stops
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.flat_and_repeated import noise_of

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from tiltcal.core.units import DEG, G0
-from tiltcal.diagnosis.hypotheses.axis_curves import span_of
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import MEMORIES, late_key
 from tiltcal.diagnosis.hypotheses.curve_forms import (
     curve_over,
@@ -20,6 +19,7 @@ from tiltcal.diagnosis.hypotheses.curve_forms import (
     harmonics,
     odd_curve,
     proportional,
+    span_of,
     spread_knots,
 )
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis

@@ -23,10 +23,9 @@ from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.best_shape import best_shape
+from tiltcal.diagnosis.search.best_shape import best_shape, refined
 from tiltcal.diagnosis.search.proposals import proposals
 from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.shape_refinement import refined
 from tiltcal.diagnosis.search.state import (
     Proposal,
     State,

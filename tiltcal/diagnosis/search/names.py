@@ -8,6 +8,14 @@ import numpy as np
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.hypotheses import priors
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED
+from tiltcal.diagnosis.search.candidates import (
+    Names,
+    Row,
+    coarsened,
+    name_of,
+    name_probabilities,
+    rows_in_place,
+)
 from tiltcal.diagnosis.search.curve_misfit import (
     BEYOND_FAMILY,
     SHARES,
@@ -19,22 +27,10 @@ from tiltcal.diagnosis.search.curve_misfit import (
     same_curve,
     taken_in,
 )
-from tiltcal.diagnosis.search.explanation import (
-    explain,
-)
-from tiltcal.diagnosis.search.name_probabilities import (
-    Names,
-    Row,
-    coarsened,
-    name_probabilities,
-)
-from tiltcal.diagnosis.search.rows_in_place import rows_in_place
-from tiltcal.diagnosis.search.rows_without_name import name_of
+from tiltcal.diagnosis.search.explanation import explain
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import State, laws, refitted, with_cause, without
 from tiltcal.effects.learned import Learned
-
-"""Log odds that a nameless cause is there beside others."""
 
 
 def named(state: State, scan: Scan, random: bool = False) -> tuple[State, list[Names]]:

@@ -17,20 +17,23 @@ from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import refit_about_itself
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.residual_checks.moving_tones import MovingTone, moving_tones
-from tiltcal.diagnosis.residual_checks.narrow_bands import NarrowBand, narrow_bands
+from tiltcal.diagnosis.residual_checks.oscillations import (
+    MovingTone,
+    NarrowBand,
+    moving_tones,
+    narrow_bands,
+)
 from tiltcal.diagnosis.residual_checks.random_motion import RandomMotion, random_motions
 from tiltcal.diagnosis.residual_checks.slow_variation import slow_variations
 from tiltcal.diagnosis.residual_checks.varying_noise import VaryingNoise, varying_noise
-from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED, believed
+from tiltcal.diagnosis.search.best_shape import normalise_tone_phase
 from tiltcal.diagnosis.search.curve_misfit import largest_misfit
 from tiltcal.diagnosis.search.dictionary import extend_dictionary
-from tiltcal.diagnosis.search.explained import Explained
+from tiltcal.diagnosis.search.explained import CLAIM, DOUBTED, Explained, believed
 from tiltcal.diagnosis.search.model_search import most_probable, settled
 from tiltcal.diagnosis.search.names import named, without_misfits
 from tiltcal.diagnosis.search.random_settings import beside_random_settings, is_lawful
 from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.diagnosis.search.state import laws
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.effects.table.readout import IndexError_

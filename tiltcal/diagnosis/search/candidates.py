@@ -216,9 +216,6 @@ def _needed(chance: Mapping[str, float], alike: Collection[str]) -> list[str]:
     return found
 
 
-"""Log odds that a nameless cause is there beside others."""
-
-
 def of_other_source(rows: Sequence[Row], law: Hypothesis) -> Iterator[Row]:
     """What is listed in a cause's place and whose shape tells its source, such as the frequency of
     a tone, as a law of that shape from a source that no list has. It acts on the same channels

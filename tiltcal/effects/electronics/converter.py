@@ -78,7 +78,6 @@ class AdcInl(PerChannel):
     form = "any"
     family = Family(reading=("input",))
     superposes = True
-    nonlinear_in_input = True
 
     @classmethod
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:

@@ -110,7 +110,6 @@ class AccK2(AccTerm):
     look = "constant and second harmonic; the norm gains first and third"
     ordinary = True
     family = Family(reading=("input",))
-    nonlinear_in_input = True
     told_apart_by = {
         "table_encoder_eccentricity": "compare the norm of all three axes: only K2 changes it"
     }
@@ -129,7 +128,6 @@ class AccK3(AccTerm):
     look = "first and third harmonics; six positions hide it in the scale factor"
     ordinary = True
     family = Family(reading=("input",))
-    nonlinear_in_input = True
     told_apart_by = {"acc_Koq": "nothing within 1 g: a centrifuge"}
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
@@ -145,7 +143,6 @@ class AccKoq(AccTerm):
     excited_by = "a dense sweep of its own axis"
     look = "as K3 (cosine 0.99 within 1 g)"
     family = Family(reading=("input",))
-    nonlinear_in_input = True
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi * np.abs(fi) / G0
@@ -160,7 +157,6 @@ class AccScaleAsym(AccTerm):
     excited_by = "both signs of its own force"
     look = "a kink at zero; near K2"
     family = Family(reading=("input",))
-    nonlinear_in_input = True
 
     @classmethod
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
@@ -180,7 +176,6 @@ class AccBiasAsym(AccTerm):
     excited_by = "crossing zero force"
     look = "a step at zero force"
     family = Family(reading=("input",))
-    nonlinear_in_input = True
 
     @classmethod
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:

@@ -73,7 +73,6 @@ class GyrScaleAsym(GyrTerm):
     excited_by = "turns both ways"
     look = "even in the rate"
     family = Family(reading=("input",))
-    nonlinear_in_input = True
     follows = "rate"
 
     def column(self, w: Array) -> Array:
@@ -90,7 +89,6 @@ class GyrNonlinearity(GyrTerm):
     excited_by = "turns at several rates"
     look = "odd in the rate, beyond a straight line"
     family = Family(reading=("input",))
-    nonlinear_in_input = True
 
     def column(self, w: Array) -> Array:
         return w**3

@@ -11,7 +11,7 @@ from tiltcal.cli import main
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.sensor.noise import FLICKER_TAUS, draw_noise
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.statistics.allan import TERMS, AllanDeviation, allan_deviation, fit_noise, slopes
 
 RATE = 100.0

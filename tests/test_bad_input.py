@@ -14,7 +14,7 @@ from tiltcal.core.assets import folder
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 
 def scenario_of(name, **changed):

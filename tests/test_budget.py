@@ -11,7 +11,7 @@ from tiltcal.cli import main
 from tiltcal.core.budget import Budget, allow, require_within, restoring
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 LONG = '[[sequence]]\naction = "rest"\ndwell_s = {}\n'
 

@@ -11,7 +11,8 @@ from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.cli import main
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 
 BENCH = """
 schema = 1

@@ -14,7 +14,8 @@ from tiltcal.cli.demo import CONCEALABLE, bench, concealed
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 
 
 def answer(capsys, *words, status=0):

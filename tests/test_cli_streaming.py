@@ -11,7 +11,8 @@ import pytest
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli import main
 from tiltcal.laboratory.scenario import load_scenario
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 
 
 def long_log(path, rows):

@@ -12,7 +12,7 @@ from diagnosis_fixtures import bench, honest, recorded
 from tiltcal.cli import main
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.laboratory.scenario import parse_scenario
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 LEFT_OUT = {  # what is concealed, its parameter with unit, table, sensor
     "table_levelling": (

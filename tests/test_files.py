@@ -11,7 +11,7 @@ from tiltcal.core import assets
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, replacing, require_file, write_json, write_text
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 
 def names(folder):

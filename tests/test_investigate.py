@@ -20,7 +20,7 @@ from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock
 from tiltcal.diagnosis.investigation.stored import read_investigation
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.setup.sequence import Step
 
 PLACING: dict[str, Any] = {

@@ -16,7 +16,8 @@ from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings import span_means
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.recordings.span_means import Spans
 from tiltcal.statistics.noise_spectrum import WhiteFlickerWalk
 

@@ -21,7 +21,8 @@ from tiltcal.calibration.result import load_calibration
 from tiltcal.cli import main
 from tiltcal.core.safe_text import cell_of, plain, text_of
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 
 ESCAPE = "\x1b[2J\x1b]0;owned\x07"
 MARKUP = "</script><script>alert(1)</script><a href=x>y</a>"

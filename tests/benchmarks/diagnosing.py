@@ -16,7 +16,7 @@ from typing import Any
 import tomli_w
 
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 ROWS = (15000, 30000, 60000)
 RATE = 100.0  # Hz

@@ -42,7 +42,7 @@ from tiltcal.effects.table.geometry import AxisNonorthogonality, AxisWobble, Tab
 from tiltcal.effects.table.readout import Encoder2Rev, EncoderEccentricity, TableBacklash, TableSag
 from tiltcal.effects.timing.delays import ChannelMuxSkew, DataLatency
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.setup.tables import DUAL, angle_key
 from tiltcal.validation.acceptance import Verification, run_scenario
 

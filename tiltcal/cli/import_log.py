@@ -17,7 +17,7 @@ from tiltcal.recordings.formats.budget import Budget
 from tiltcal.recordings.formats.mcap_writer import write_mcap
 from tiltcal.recordings.import_checks import Finding
 from tiltcal.recordings.mapping import REPAIRS, Mapping, load_mapping
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 
 def import_log(

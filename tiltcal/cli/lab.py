@@ -12,7 +12,7 @@ from tiltcal.cli.output import print_json, progress_line
 from tiltcal.effects import to_file
 from tiltcal.laboratory.scenario import Scenario, fresh, load_scenario
 from tiltcal.laboratory.scenario_tables import EffectTable
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.setup.sequence_files import read_sequence
 
 

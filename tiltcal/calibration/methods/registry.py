@@ -32,7 +32,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.numerical import determining
 from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.setup.setup import Setup
 
 Method = Callable[..., Calibration]

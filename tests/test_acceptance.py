@@ -25,7 +25,7 @@ def broken(rows, **accept):
     return [name for name, limit in judged(rows, **accept).items() if not limit.passed]
 
 
-@pytest.mark.parametrize("runs", [1, 3, 20])
+@pytest.mark.parametrize("runs", [1, 3, pytest.param(20, marks=pytest.mark.long)])
 def test_a_correct_method_at_its_bound_is_accepted(runs):
     rng, limits = rng_of(f"correct {runs}"), at_the_bound()
     case = scenario(**limits)

@@ -234,7 +234,6 @@ def test_the_page_stands_alone(written):
     assert len(re.findall("<table", page)) == len(re.findall('<div class="wide"><table', page))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["out.html"])
 def test_the_page_prints_on_two_sides(written, name, tmp_path):
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -396,7 +395,6 @@ METHODS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", METHODS)
 def test_the_dcc_and_the_page_of_every_kind_of_result(name, schema):
     scenario = load_scenario(folder("scenarios") / f"{name}.toml")

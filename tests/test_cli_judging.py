@@ -130,7 +130,6 @@ def test_verify_runs_a_folder_and_one_bad_scenario_rejects_it(here, capsys):
     assert (here / "out" / "report.html").exists()
 
 
-@pytest.mark.slow
 def test_the_demo_accepts_its_scenarios_and_finds_what_it_has_concealed(here, capsys):
     assert main(["demo", "--seed", "5"]) == 0
     out, err = capsys.readouterr()

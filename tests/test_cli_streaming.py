@@ -58,7 +58,6 @@ def peak_of(*words):
     return int(kibibytes) / 1024
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_a_long_recording_is_corrected_in_the_memory_of_a_short_one(suffix, good, here):
     peaks, sizes = [], []

@@ -93,7 +93,6 @@ def assert_all_is_named(found):
     assert all(e.get("role") for e in found.amended["effect"])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("hidden", CASES.values(), ids=CASES)
 def test_every_effect_of_the_amended_scenario_is_named(hidden, tmp_path):
     truth = bench(*hidden)
@@ -111,7 +110,6 @@ def test_every_effect_of_the_amended_scenario_is_named(hidden, tmp_path):
         assert found.verdict == "unlisted"
 
 
-@pytest.mark.slow
 def test_faults_of_the_data_are_parts_of_their_findings():
     truth = bench(K2)
     sound = recorded(truth, 4)

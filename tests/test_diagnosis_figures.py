@@ -208,7 +208,6 @@ def test_a_static_record_in_the_wrong_unit_is_repaired_as_the_recording_is():
     assert found.after.chi2_per_dof == pytest.approx(1, abs=0.15)
 
 
-@pytest.mark.slow
 def test_a_noise_model_from_outside_is_reported_by_its_own_amplitudes():
     truth = bench()
     found = diagnose(honest(truth), [recorded(truth, 4)], noise=AutoRegressive2)
@@ -218,7 +217,6 @@ def test_a_noise_model_from_outside_is_reported_by_its_own_amplitudes():
         assert channel["white"]["low"] < WHITE < channel["white"]["high"] * 1.05
 
 
-@pytest.mark.slow
 def test_slow_variation_beyond_any_grade_is_a_finding(walking):
     """That of the worst grades is none."""
     assert (walking.verdict, walking.findings) == ("match", ())

@@ -390,7 +390,6 @@ HEATED = parse_scenario(
 )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("late", "step"), [(True, 4.0), (False, 1.0)], ids=["late", "bent"])
 def test_only_what_no_curve_over_temperature_does_is_called_late(late, step):
     """A triad at rest through a cycle of two hours, read every so many seconds: bias by a bent law

@@ -99,7 +99,6 @@ def test_a_tone_that_follows_something_is_told_with_its_frequencies(name, slope,
     assert ridge.high * 25.0 == pytest.approx(high, abs=0.6)
 
 
-@pytest.mark.slow
 def test_a_tone_that_slides_with_the_input_is_a_finding_without_a_name():
     whole = recorded(bench(), 6)
     force = whole.column("accel_x_m_s2")

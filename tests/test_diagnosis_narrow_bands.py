@@ -82,7 +82,6 @@ def test_bands_of_coloured_noise_are_not_looked_at(rng):
     assert _likeliest(left, coloured)[3] < TOLD
 
 
-@pytest.mark.slow
 def test_a_table_that_hunts_is_a_finding_without_a_name(rng):
     whole = recorded(bench(), 6)
     x = whole.column("accel_x_m_s2") + hunting(whole.time, rng, 0.5 * WHITE, keeps=4.0)

@@ -116,7 +116,6 @@ def cosines_of(columns):
     return np.column_stack([cosines(c) for c in columns.T])
 
 
-@pytest.mark.slow
 def test_a_random_walk_alone_is_no_finding_but_would_be_if_all_noise_were_taken_for_white(
     monkeypatch,
 ):

@@ -119,7 +119,6 @@ def test_a_sway_is_seen_in_its_octave(rng):
     assert max(octave.high for octave in used) < 1.3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("moves", [True, False], ids=["the base", "each channel by itself"])
 def test_a_base_that_sways_at_random_is_a_finding_without_a_name(moves, rng):
     """A sway of 12 arcsec about both axes of the room, turned into the body by hand; or as much

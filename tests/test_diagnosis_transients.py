@@ -104,7 +104,6 @@ def test_transients_complete_no_step():
     assert not any(completes(t, step) for t in found for step in steps)
 
 
-@pytest.mark.slow
 def test_knocks_are_an_addition_at_their_instants():
     """Of the instants that were looked at those that explain nothing beside the others are out."""
     found = diagnose(honest(bench()), [knocked(KNOCKS, 3.0)])
@@ -114,7 +113,6 @@ def test_knocks_are_an_addition_at_their_instants():
     assert re.search(told, found.statement)
 
 
-@pytest.mark.slow
 def test_a_knock_is_an_addition_over_time_that_no_other_recording_repeats():
     found = diagnose(honest(bench()), [knocked([BEGIN], 4.0, 2.0)])
     assert found.verdict == "unlisted"

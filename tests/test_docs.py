@@ -14,7 +14,6 @@ from docs_examples import PAGES, ROOT, examples_of
 PICTURE = re.compile(r"!\[[^\]]+\]\(pictures/([^)]+)\)")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_every_example_prints_what_the_page_says(page):
     for example in examples_of(page):
@@ -62,7 +61,7 @@ def test_every_picture_is_one_that_the_build_draws(monkeypatch):
     assert shown == set(PICTURES)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_site_is_built_without_warnings_and_loads_nothing_from_other_hosts(tmp_path):
     program = Path(sys.executable).parent / "mkdocs"
     words = [program, "build", "--strict", "--quiet", "--site-dir", tmp_path]

@@ -121,7 +121,6 @@ def at_rest(path, rng, n=120_000):
     return path
 
 
-@pytest.mark.slow
 def test_kalibr_and_sdf_get_the_noise_that_is_there(rng, tmp_path, capsys):
     path = at_rest(tmp_path / "rest.parquet", rng)
     assert main(["export", str(path), "--format", "kalibr", "-o", str(tmp_path / "imu.yaml")]) == 0

@@ -39,7 +39,6 @@ def test_the_figures_of_the_bound_are_those_worked_by_hand():
     assert pytest.approx(82.6e-6, abs=0.3e-6) == BOUND
 
 
-@pytest.mark.slow
 def test_the_augmented_filter_is_at_its_bound_and_the_patent_s_claims_too_much():
     """82.6 ppm within five per cent, over 1000 seeds and three axes; the patent's filter errs as
     much and claims 64 ppm.
@@ -59,7 +58,6 @@ def test_the_augmented_filter_is_at_its_bound_and_the_patent_s_claims_too_much()
     assert claims == pytest.approx(PLAIN, rel=0.02)
 
 
-@pytest.mark.slow
 def test_variance_nees_and_coverage_lie_in_their_bands():
     """The batch twin, which equals the filter to rounding."""
     rng, draws = rng_of("field statistics"), draws_of(10_000)
@@ -148,7 +146,7 @@ def test_a_noiseless_log_gives_back_what_was_injected():
         assert found.value(name) == pytest.approx(value, abs=2e-6), name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_whole_method_is_consistent_over_seeds():
     total, dof, worst = 0.0, 0, []
     for seed in range(60):

@@ -150,7 +150,6 @@ def test_an_axis_with_a_nameless_curve_is_not_compared():
     assert sorted(one.which for one in instruments(curved)) == [(0, 2), (1,)]
 
 
-@pytest.mark.slow
 def test_slow_variation_of_one_axis_is_a_finding():
     """Of a size that an instrument of a poor grade may have on all its axes."""
     truth = bench()

@@ -22,8 +22,6 @@ PARTS = (
     "tiltcal/report/templates/certificate.html.jinja",
 )
 
-pytestmark = pytest.mark.slow
-
 
 def run(*words, cwd, **environment):
     done = subprocess.run(

@@ -82,6 +82,6 @@ def test_a_rest_that_is_too_short_and_an_unknown_name_are_refused(field, capsys)
     folder, _ = field
     words = ["--estimator", "field_scale", "--option", "rest_s=0.01"]
     assert command(folder, *words) == 2
-    assert "a first rest of ten readings or more" in capsys.readouterr().err
+    assert "a first standstill of ten readings or more" in capsys.readouterr().err
     assert command(folder, "--estimator", "kalmann") == 2
     assert "did you mean 'kalman'?" in capsys.readouterr().err

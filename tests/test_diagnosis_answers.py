@@ -373,7 +373,7 @@ def test_what_is_more_probable_than_not_stands_in_the_statement_beside_what_is_f
 
 
 def test_a_class_names_a_law_that_no_list_has_in_words():
-    assert in_words(("acc_K2", "unlisted")) == ["acc_K2", "a law that no list has"]
+    assert in_words(("acc_K2", "unlisted")) == ["acc_K2", "a cause outside the catalogue"]
 
 
 def test_the_size_of_a_step_that_creeps_is_what_it_leaves():

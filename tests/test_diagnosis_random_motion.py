@@ -16,8 +16,8 @@ from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.residual_checks.random_motion import (
     CrossPrediction,
+    MotionSource,
     Octave,
-    Place,
     _factor,
     log_factor,
 )
@@ -39,7 +39,7 @@ def said_of(noise: np.ndarray, columns: np.ndarray) -> list[Octave]:
             for k, left in enumerate(noise)
         }
     )
-    factors = found.evidence(Place("base", "environment", (dict(enumerate(columns)),)))
+    factors = found.evidence(MotionSource("base", "environment", (dict(enumerate(columns)),)))
     ends = [(found.frequency(low), found.frequency(high)) for low, high in found.octaves]
     return [Octave(low, high, each) for (low, high), each in zip(ends, factors, strict=True)]
 

@@ -191,7 +191,9 @@ def test_a_fog_along_one_axis_sees_only_that():
 def test_a_rest_that_is_too_short_is_named():
     found = calibrate("fog_scale", recorded(rest(4), turn("x"), turn("y"), turn("z")), SCENARIO)
     assert found.verdict == "suspect"
-    assert "need 10 s, better 20 s: rest again" in statement(found, "rest before the turns")
+    assert "need 10 s, better 20 s: stand still longer" in statement(
+        found, "standstill before the turns"
+    )
 
 
 def test_an_instrument_that_was_moved_during_its_rest_is_named():
@@ -204,7 +206,7 @@ def test_an_instrument_that_was_moved_during_its_rest_is_named():
     columns["fog_a_deg_h"] = columns["fog_a_deg_h"] + slow * 3600
     found = calibrate("fog_scale", Recording.from_columns(log.time, columns), SCENARIO)
     assert found.verdict == "suspect"
-    assert "moved during the rest from 0" in statement(found, "still while resting")
+    assert "moved during the standstill from 0" in statement(found, "still at standstill")
 
 
 def test_swapped_columns_are_named_where_the_fog_s_axis_can_tell_them():
@@ -257,9 +259,9 @@ def test_given_dwells_are_taken_and_missing_parts_are_refused_in_words():
     log = recorded(rest(), turn("x"), turn("y"), turn("z"))
     dwells = [s for s in find_segments(log) if s.kind == "dwell"]
     assert calibrate("fog_scale", log, SCENARIO, segments=dwells).verdict == "good"
-    with pytest.raises(TiltcalError, match="found no turn after a rest"):
+    with pytest.raises(TiltcalError, match="found no turn after a standstill"):
         calibrate("fog_scale", recorded(rest()), SCENARIO)
-    with pytest.raises(TiltcalError, match="found no rest, need a rest of 20 s"):
+    with pytest.raises(TiltcalError, match="found no standstill, need a standstill of 20 s"):
         calibrate(
             "fog_scale", log, SCENARIO, segments=[s for s in find_segments(log) if s.kind == "move"]
         )

@@ -239,7 +239,7 @@ def test_correction_takes_off_g_sensitivity_by_the_accelerometer_beside_it():
             read[:, i] - pulled[:, i], abs=1e-12
         )
     bare = SCENARIO.model_copy(update={"sensor": (SCENARIO.named("gyro"),)})
-    with pytest.raises(TiltcalError, match="no accelerometer triad beside gyro"):
+    with pytest.raises(TiltcalError, match="no accelerometer triad with gyro"):
         corrected_columns(still, calibration, bare)
 
 

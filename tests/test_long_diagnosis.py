@@ -119,8 +119,11 @@ def test_what_is_not_averaged_is_read_to_a_stated_length(file, tmp_path):
     write_recording(coarse, tmp_path / "coarse.npz")
     by_hand = tumble(sequence=[], table="handheld")
     for read, why in (
-        (read_for_diagnosis(tmp_path / "coarse.npz", tumble()), "coarse codes are not averaged"),
-        (read_for_diagnosis(file, by_hand), "recordings by hand are not averaged"),
+        (
+            read_for_diagnosis(tmp_path / "coarse.npz", tumble()),
+            "coarsely quantised readings are not averaged",
+        ),
+        (read_for_diagnosis(file, by_hand), "hand-held recordings are not averaged"),
         (read_static(file), "they are enough to tell the noise"),
     ):
         assert len(read.recording) == 15_000

@@ -191,7 +191,8 @@ def test_a_median_that_sticks_to_codes_is_warned_about():
     found = calibrate("two_position", draw, SETUP, estimator="median")
     assert found.verdict == "suspect"
     assert (
-        "use the mean" in next(t for t in found.tests if t.name == "median against codes").statement
+        "use the mean"
+        in next(t for t in found.tests if t.name == "median against quantisation").statement
     )
 
 

@@ -26,7 +26,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import MM
 from tiltcal.laboratory.own_model import ModelAxis, ModelWords
-from tiltcal.setup.chain import BASE, Chain, Link, Place
+from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
 
 LARGEST = 64 * 2**20  # bytes
 FOLDERS = ("meshdir", "texturedir", "assetdir")
@@ -101,7 +101,7 @@ def _error(words: str, found: str, need: str) -> TiltcalError:
         f"model file {words}",
         found=found,
         need=need,
-        do="correct it, or copy it beside the scenario",
+        do="correct it, or copy it into the scenario's folder",
     )
 
 
@@ -154,7 +154,7 @@ MOST_BODIES = 2000
 
 def read_model(
     words: ModelWords, folder: Path, sites: Sequence[str] = ()
-) -> tuple[Chain, dict[str, Place]]:
+) -> tuple[Chain, dict[str, LinkFrame]]:
     """The links of a model whose joints a scenario maps to table axes, and places on them.
 
     Args:
@@ -231,10 +231,10 @@ class ModelReader:
         links = [self._link(k) for k in range(len(self.axes))]
         return Chain(link=tuple(links), instrument=self.place(self.words.site))
 
-    def place(self, site: str) -> Place:
+    def place(self, site: str) -> LinkFrame:
         """Where a site, or a body, is among the links."""
         body, origin, R = self._site(site)
-        return Place(**self._placed(self._on(body), origin, R))
+        return LinkFrame(**self._placed(self._on(body), origin, R))
 
     def base_moment(self) -> Array:
         """Moment of the mass that no axis moves, about the world's East and North, kg m, (2,): of
@@ -311,7 +311,7 @@ class ModelReader:
         return {name: (float(readout.min()), float(readout.max()))}
 
     def _placed(self, on: int, origin: Array, R: Array) -> dict[str, Any]:
-        """A frame of the world as a ``Place`` on a link, by its number; -1: the base."""
+        """A frame of the world as a ``LinkFrame`` on a link, by its number; -1: the base."""
         if on >= 0:
             link = self.axes[on]
             origin, R = link.R.T @ (origin - link.origin), link.R.T @ R

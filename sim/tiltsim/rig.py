@@ -26,7 +26,7 @@ from tiltcal.effects.mechanisms import Cogging, Context, Gap, Mechanism, Ring, S
 from tiltcal.effects.streams import Streams, no_streams
 from tiltcal.forward.kinematics import link_offset, turns_at
 from tiltcal.laboratory.scenario_tables import Dynamics
-from tiltcal.setup.chain import BASE, Chain, Link, Place
+from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import Table, bearing
 from tiltcal.setup.trajectory import Drive, Jet
@@ -81,7 +81,7 @@ def _link(parent: Element, link: Link) -> Element:
     return body
 
 
-def _instrument(parent: Element, place: Place) -> None:
+def _instrument(parent: Element, place: LinkFrame) -> None:
     """The mount behind the instrument's place, with the hinges of its compliance."""
     inner = _body(_body(parent, "instrument_place", LIGHT, place), "mount", LIGHT)
     for axis, along in zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), strict=True):
@@ -91,7 +91,7 @@ def _instrument(parent: Element, place: Place) -> None:
     SubElement(inner, "include", file="instrument.xml")
 
 
-def _body(parent: Element, name: str, mass: float, place: Place | None = None) -> Element:
+def _body(parent: Element, name: str, mass: float, place: LinkFrame | None = None) -> Element:
     """A body that only holds others, where a place says."""
     body = SubElement(parent, "body", name=name)
     if place is not None:

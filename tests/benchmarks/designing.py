@@ -15,7 +15,7 @@ from tiltcal.design.gym.calibrations import Task
 from tiltcal.design.gym.environment import CalibrationVector
 from tiltcal.design.gym.policies import BASELINES, named, rollout
 from tiltcal.design.gym.training import train
-from tiltcal.design.maxmin import blind_to_nothing, grid_of_poses
+from tiltcal.design.maxmin import grid_of_poses, maximise_least_visibility
 from tiltcal.design.plan import design
 from tiltcal.design.polynomial import textbook_model
 from tiltcal.design.signatures import catalogue_signatures
@@ -108,9 +108,9 @@ def blind(seed: int) -> None:
     ):
         begun = time.perf_counter()
         seen = catalogue_signatures(still, scenario.sensor[0], grid_of_poses(clock), only=only)
-        found = blind_to_nothing(seen, clock, 24, seed)
+        found = maximise_least_visibility(seen, clock, 24, seed)
         print(
-            f"blind to nothing, {words} ({len(seen.names)} effects, {len(found.in_order)} by the"
+            f"all effects observable, {words} ({len(seen.names)} effects, {len(found.in_order)} by the"
             f" order), 24 poses: least share {found.shares.min():.4f} (at least .38; no design"
             f" passes {found.bounds[0]:.4f}, none with 98.5 % D-efficiency {found.bounds[1]:.4f}),"
             f" D-efficiency {found.efficiency:.4f} (at least .985), references within"

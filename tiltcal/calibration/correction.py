@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from tiltcal.calibration.result import Calibration, product, tilt_angles
-from tiltcal.calibration.thermal import Course, ThermalStream, ThermalTerms, at_rows
+from tiltcal.calibration.thermal import TemperatureCourse, ThermalStream, ThermalTerms, at_rows
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt, tilt_of_force
@@ -145,7 +145,7 @@ def corrected_columns(
     calibration: Calibration,
     setup: Setup,
     force: Force | None = None,
-    course: Course | None = None,
+    course: TemperatureCourse | None = None,
 ) -> dict[str, Array]:
     """The columns that correction adds, full length: corrected readings in their own unit, and tilt
     where defined. (n,) each.
@@ -198,7 +198,7 @@ def corrected_columns(
     return columns
 
 
-def thermal_course(recording: Recording, stream: ThermalStream) -> Course:
+def thermal_course(recording: Recording, stream: ThermalStream) -> TemperatureCourse:
     """The course of a recording's temperature after what the stream has seen.
 
     Raises:
@@ -239,7 +239,7 @@ def _pulled(
 def _no_triad(recording: Recording, gyro: str) -> TiltcalError:
     return TiltcalError(
         recording.source,
-        found=f"no accelerometer triad beside {gyro}",
+        found=f"no accelerometer triad with {gyro}",
         need="the force its g-sensitivity follows",
         do="record one, or calibrate without gsens",
     )

@@ -96,7 +96,7 @@ def _from_system(error: OSError) -> str:
     reason = (error.strerror or str(error)).lower()
     return (
         f"file or device{name}: found {reason}, need one that can be read and written; choose"
-        " another, or make room"
+        " another, or free some space"
     )
 
 

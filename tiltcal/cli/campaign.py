@@ -32,7 +32,7 @@ from tiltcal.validation.campaign.campaign_file import (
 )
 from tiltcal.validation.campaign.factors import Factor
 from tiltcal.validation.campaign.folder import (
-    Place,
+    CampaignFiles,
     Shard,
     forget_faults,
     make_runs,
@@ -120,7 +120,7 @@ Output = Annotated[
     Parameter(
         "--output",
         alias="-o",
-        help="Folder for the results, or FILE.parquet for files FILE.* beside each other.",
+        help="Folder for the results, or FILE.parquet for files FILE.* in one folder.",
     ),
 ]
 ShardName = Annotated[str, Parameter(help="i/n: only every n-th run, for `tiltcal merge`.")]
@@ -244,9 +244,9 @@ def merge(
 
     Exit status: 0 merged, and runs that are missing are counted; 2 unusable input.
     """
-    place = Place.of(output)
+    place = CampaignFiles.of(output)
     with place.claimed(), place.whole_or_not_at_all():
-        found = merged([Place.of(part) for part in parts], place)
+        found = merged([CampaignFiles.of(part) for part in parts], place)
         return _finished(found, place, as_json)
 
 
@@ -264,7 +264,7 @@ def _made(
     require_countable(found)
     require_allowed(found, allow_commands)
     check_levels(found)
-    place = Place.of(output)
+    place = CampaignFiles.of(output)
     with place.claimed():
         with place.journal() as journal:
             write_campaign(found, place)
@@ -285,7 +285,7 @@ def _load_libraries() -> None:
     importlib.import_module("pyarrow").array([0.0])  # imports pandas, where it is installed
 
 
-def _finished(found: Campaign, place: Place, as_json: bool) -> int:
+def _finished(found: Campaign, place: CampaignFiles, as_json: bool) -> int:
     """Write what the journal has, and print it."""
     from tiltcal.report.campaign import write_campaign_report
     from tiltcal.validation.campaign.summary import summary_of
@@ -299,7 +299,7 @@ def _finished(found: Campaign, place: Place, as_json: bool) -> int:
     return _shown(summary, place, as_json)
 
 
-def _shown(summary: dict[str, Any], place: Place, as_json: bool) -> int:
+def _shown(summary: dict[str, Any], place: CampaignFiles, as_json: bool) -> int:
     """Print a summary, and return the exit status."""
     if as_json:
         print_json(summary)

@@ -1,5 +1,5 @@
-"""``tiltcal design``; with ``--blind-to-nothing`` poses in which every effect is visible, with
-``--split`` the block that separates the alternatives of a diagnosis.
+"""``tiltcal design``; with ``--all-effects-observable`` poses in which every effect is visible,
+with ``--split`` the block that separates the alternatives of a diagnosis.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from tiltcal.api.diagnosing import honest_scenario
 from tiltcal.api.table_scene import table_in
 from tiltcal.cli.design_options import (
     Aim,
-    BlindToNothing,
+    AllEffectsObservable,
     Separation,
     Split,
     TableTime,
@@ -29,7 +29,7 @@ from tiltcal.core.read_back import read_toml
 from tiltcal.core.tasks.engines import Engine, shared_engine
 from tiltcal.core.units import DEG, G0
 from tiltcal.design.gradient_search import Problem
-from tiltcal.design.maxmin import REQUIRED, MaxMin, blind_to_nothing, grid_of_poses
+from tiltcal.design.maxmin import REQUIRED, MaxMin, grid_of_poses, maximise_least_visibility
 from tiltcal.design.plan import Plan
 from tiltcal.design.polynomial import textbook_model
 from tiltcal.design.scenario_problem import clock_of, scenario_problem, sensor_of
@@ -84,7 +84,7 @@ def design(
     seed: Annotated[int, SEED, Parameter(help="Seed of the search.")] = 0,
     aim: Annotated[Aim, AIM] = DEFAULT_AIM,
     table: Annotated[TableTime, TABLE_TIME] = DEFAULT_TABLE_TIME,
-    blind_to_nothing: Annotated[BlindToNothing, Parameter(group=OTHER_DESIGN)] = None,
+    all_effects_observable: Annotated[AllEffectsObservable, Parameter(group=OTHER_DESIGN)] = None,
     split: Annotated[Split, Parameter(group=OTHER_DESIGN)] = None,
     separation: Annotated[Separation, Parameter(name="*", group=OTHER_DESIGN)] = DEFAULT_SEPARATION,
     output: Annotated[Path | None, Parameter(alias="-o", help="Folder for the plan.")] = None,
@@ -112,8 +112,8 @@ def design(
         with shared_engine(engine, jobs) as opened:
             return design_separating_block(*asked, opened, output, as_json)
     scenario = _scenario_of(scenario_file, aim)
-    if blind_to_nothing is not None:
-        wanted = (blind_to_nothing, aim, table, seed)
+    if all_effects_observable is not None:
+        wanted = (all_effects_observable, aim, table, seed)
         with shared_engine(engine, jobs) as opened:
             return design_visible_poses(scenario, *wanted, opened, output, as_json)
     sensor = sensor_of(scenario, aim.sensor)
@@ -228,7 +228,9 @@ def design_visible_poses(
     if count <= terms:
         _refuse(count, f"more than {terms}", "bias, scale and cross-axis terms absorb all of them")
     with progress_line() as progress:
-        found = blind_to_nothing(seen, clock, count, seed, engine=engine, progress=progress)
+        found = maximise_least_visibility(
+            seen, clock, count, seed, engine=engine, progress=progress
+        )
     if found.shares.min() < SEEN:
         _refuse(
             count,
@@ -304,7 +306,7 @@ def timed(found: MaxMin, problem: Problem, axes: tuple[str, ...]) -> Plan:
 
 def _refuse(count: int, need: str, why: str) -> None:
     raise TiltcalError(
-        "design --blind-to-nothing",
+        "design --all-effects-observable",
         found=f"{count} poses",
         need=f"{need}: {why}",
         do="allow more poses",

@@ -31,7 +31,7 @@ class Aim:
     textbook: Annotated[
         str | None,
         Parameter(
-            help="Textbook polynomial in place of the product's own terms: linear, K2, K2K3,"
+            help="Textbook polynomial instead of the product's own terms: linear, K2, K2K3,"
             " quadratic or cubic."
         ),
     ] = None
@@ -110,12 +110,13 @@ class Separation:
     ] = ()
 
 
-BlindToNothing = Annotated[
+AllEffectsObservable = Annotated[
     int | None,
     WHOLE,
     Parameter(
+        alias="--blind-to-nothing",  # its name up to 0.1
         help="Find this many poses for which the least visible effect is as visible as possible."
-        " Effects: all that this table and sensor can have, or those of --terms."
+        " Effects: all that this table and sensor can have, or those of --terms.",
     ),
 ]
 Split = Annotated[

@@ -24,9 +24,7 @@ def lab(
     recording_file: Annotated[Path, Parameter("RECORDING", help="File of the recording.")],
     /,
     *,
-    seed: Annotated[
-        int | None, SEED, Parameter(help="Seed in place of the scenario's own.")
-    ] = None,
+    seed: Annotated[int | None, SEED, Parameter(help="Seed instead of the scenario's own.")] = None,
     budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:

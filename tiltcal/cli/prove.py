@@ -121,7 +121,7 @@ def _tests_folder(trials: Path | None) -> Path:
     if tests is None or not (tests / "blind" / "__main__.py").is_file():
         raise TiltcalError(
             "blind trials",
-            found=f"no folder blind in {tests or 'any tests folder beside the package'}",
+            found=f"no folder blind in {tests or 'any tests folder next to the package'}",
             need="the folder tests/blind of the source",
             do="run in a source checkout, or name its tests folder with --trials",
         )

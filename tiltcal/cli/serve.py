@@ -39,9 +39,7 @@ def serve(
     noise: Annotated[
         Literal["on", "off"], Parameter(help="off: no random effects, no quantisation.")
     ] = "on",
-    seed: Annotated[
-        int | None, SEED, Parameter(help="Seed in place of the scenario's own.")
-    ] = None,
+    seed: Annotated[int | None, SEED, Parameter(help="Seed instead of the scenario's own.")] = None,
     as_json: Json = False,
 ) -> int:
     """Serve a simulated rate table and its instrument over TCP.

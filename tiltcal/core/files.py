@@ -66,7 +66,7 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         with _explained(path, "a folder that can be written"):
             temporary.touch(exist_ok=False)
-        with _explained(path, "room and permission to write"):
+        with _explained(path, "free space and permission to write"):
             yield temporary
             os.replace(temporary, path)
     finally:
@@ -115,7 +115,7 @@ def _explained(path: Path, need: str) -> Iterator[None]:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise TiltcalError(
-            f"output {path}", found=reason, need=need, do="choose another place"
+            f"output {path}", found=reason, need=need, do="choose another location"
         ) from error
 
 
@@ -173,7 +173,7 @@ def make_folder(path: Path) -> Path:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise TiltcalError(
-            f"output {path}", found=reason, need="a folder", do="choose another place"
+            f"output {path}", found=reason, need="a folder", do="choose another location"
         ) from error
     return path
 

@@ -206,7 +206,7 @@ class Goal:
         return float(self.shares(angles).min() - 10 * max(REQUIRED - self.efficiency(angles), 0.0))
 
 
-def blind_to_nothing(
+def maximise_least_visibility(
     seen: Signatures,
     clock: Clock,
     poses: int = 24,

@@ -108,7 +108,7 @@ class Traits:
     """Coordinate that it follows, where its needs do not say so; ``{innermost}`` stands for the
     innermost table axis.
     """
-    told_apart_by: ClassVar[Mapping[str, str]] = {}
+    distinguished_by: ClassVar[Mapping[str, str]] = {}
     """What to record to tell it from another id: a kind of block, or a phrase."""
 
     @classmethod

@@ -23,7 +23,7 @@ from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.sense import Sense
 from tiltcal.effects.streams import Streams, no_streams
 from tiltcal.forward.kinematics import closed_form
-from tiltcal.setup.chain import Place
+from tiltcal.setup.chain import LinkFrame
 from tiltcal.setup.sensor import Converter, Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Course, Drive, Motion
@@ -125,7 +125,7 @@ def readings(
     """
     live = [e for e in effects if not e.is_identity]
     geometry = [e for e in live if not isinstance(e, SignalEffect | DelayEffect | WritingEffect)]
-    seen: list[tuple[Place | None, Array, Motion, Drive]] = []
+    seen: list[tuple[LinkFrame | None, Array, Motion, Drive]] = []
 
     def move(sensor: Sensor, time: Array) -> tuple[Motion, Drive]:
         for place, known, motion, drive in seen:

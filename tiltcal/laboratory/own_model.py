@@ -18,16 +18,16 @@ from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, WorldEffect, 
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.loads import LoadEffect
 from tiltcal.effects.mechanisms import Context, World
-from tiltcal.setup.chain import Chain, Place
-from tiltcal.setup.part import Part
+from tiltcal.setup.chain import Chain, LinkFrame
+from tiltcal.setup.part import StrictTable
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet
 
 GROUP = "tiltcal.models"
-Reader = Callable[["ModelWords", Path, Sequence[str]], tuple[Chain, Mapping[str, Place]]]
+Reader = Callable[["ModelWords", Path, Sequence[str]], tuple[Chain, Mapping[str, LinkFrame]]]
 
 
-class ModelAxis(Part):
+class ModelAxis(StrictTable):
     """A joint behind a column.
 
     Args:
@@ -43,7 +43,7 @@ class ModelAxis(Part):
     offset_mm: float = 0.0
 
 
-class ModelWords(Part):
+class ModelWords(StrictTable):
     """A model and what of it is recorded.
 
     Args:
@@ -88,7 +88,7 @@ def with_links(table: dict[str, Any], words: ModelWords, folder: Path) -> dict[s
     return {**table, "rig": rig, "sensor": [_placed(s, places) for s in table.get("sensor", ())]}
 
 
-def _placed(sensor: Any, places: Mapping[str, Place]) -> Any:
+def _placed(sensor: Any, places: Mapping[str, LinkFrame]) -> Any:
     """A sensor's table with the place of the site that it names."""
     if not isinstance(sensor, dict) or not isinstance(sensor.get("site"), str):
         return sensor
@@ -106,7 +106,7 @@ def why_not(effect: Effect, setup: Setup) -> str | None:
     if effect.random:
         return "random"
     if isinstance(effect, Learned):
-        return "a curve, no law"
+        return "a curve, no formula"
     if isinstance(effect, LoadEffect):
         return "a mass, which sysid has parameters of its own for"
     if isinstance(effect, WritingEffect):

@@ -21,7 +21,7 @@ from tiltcal.laboratory.scenario_tables import (
     MethodTable,
     SourceTable,
 )
-from tiltcal.setup.part import Part
+from tiltcal.setup.part import StrictTable
 from tiltcal.setup.schedule import Schedule, build_schedule
 from tiltcal.setup.sequence import Climate, Step
 from tiltcal.setup.setup import Setup
@@ -256,7 +256,7 @@ def _fields_at(location: tuple[Any, ...]) -> list[str]:
         if not models:
             return []
         model = models[0]
-    return model.keys() if issubclass(model, Part) else list(model.model_fields)
+    return model.keys() if issubclass(model, StrictTable) else list(model.model_fields)
 
 
 def _arguments(annotation: Any) -> list[Any]:

@@ -176,7 +176,7 @@ def noise_of_motion(uniform: Array) -> float:
     )
 
 
-FEWEST = 9  # rows that a motion is told from
+MIN_ROWS = 9  # rows that a motion is told from
 UNKNOWN = 2 * np.pi  # rad/s and rad/s2, of a motion that no rows tell
 LINE = 13  # samples in which a line shows that it is one
 SHARED = 3.4  # rows that tell as much of a slow course as one: the windows of rates overlap
@@ -202,7 +202,7 @@ def differentiate(time: Array, angle: Array, still: Mask, parted: Index = NOWHER
     the noise of readout and stamps and tells the rate best: long in steady turns, short where moves
     bend, and on its own side of a corner. Where an axis leaves its rest and where it comes to one,
     the rate begins at zero. No window reaches across a pause of the log; between two pauses fewer
-    than FEWEST rows of a motion tell no rate.
+    than MIN_ROWS rows of a motion tell no rate.
 
     Args:
         time: s, increasing, (n,). angle: rad, (n,).
@@ -249,11 +249,11 @@ def _evenly(time: Array, angle: Array) -> tuple[Array, Array] | None:
     """
     from scipy.interpolate import CubicSpline
 
-    if len(time) < FEWEST or np.ptp(angle) == 0:
+    if len(time) < MIN_ROWS or np.ptp(angle) == 0:
         return None
     dt = float(np.median(np.diff(time)))
     n = round(float(time[-1] - time[0]) / dt) + 1
-    if n < FEWEST or n > 4 * len(time):
+    if n < MIN_ROWS or n > 4 * len(time):
         return None
     grid = np.linspace(time[0], time[-1], n)
     return grid, np.asarray(CubicSpline(time, angle)(grid))

@@ -67,7 +67,7 @@ def noise_models_of(path: Path | str, progress: Progress = silent) -> dict[str, 
 
 def _how_it_was_read(recording: Recording) -> str:
     return (
-        f"{averaging_note(recording)} to find its rests; the Allan deviation is that of all"
+        f"{averaging_note(recording)} to find its standstills; the Allan deviation is that of all"
         f" samples, beyond averaging times of {DENSE} samples from at most {DENSE} second"
         " differences within each"
     )
@@ -126,7 +126,7 @@ def _longest(recording: Recording) -> Segment:
     if not found:
         raise TiltcalError(
             recording.source,
-            found="no rest",
+            found="no standstill",
             need="a recording at rest",
             do="record the instrument at rest",
         )

@@ -23,7 +23,7 @@ EDGE = 2  # samples beside a move that are left to the polynomial
 BESIDE = 10  # samples on either side of one whose means tell that the readout moves slowly there
 SMOOTH = 8  # degree of a polynomial that a motion follows about its turning point
 GOES_ON = 3.0  # times the noise, as told from so few rows, that it may leave
-FEWEST = 3  # of them: a dwell of fewer than four times as many is one rest
+MIN_STANDSTILLS = 3  # of them: a dwell of fewer than four times as many is one rest
 QUARTILE = 0.3186  # of the sizes of standard normal numbers, the lower one
 # rad: what a readout covers within a stop; more is a slow move, or the turning point of an
 # oscillation
@@ -90,7 +90,7 @@ def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
     n = len(part)
     whole = [(0, n, slice(None))]
     m = min(BESIDE, n // 4)
-    if m < FEWEST:
+    if m < MIN_STANDSTILLS:
         yield from whole
         return
     means = sliding_window_view(part, m, axis=0).mean(axis=-1)

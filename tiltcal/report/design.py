@@ -13,7 +13,7 @@ from tiltcal.core.units import DEG
 from tiltcal.design.maxmin import REQUIRED, MaxMin
 from tiltcal.design.plan import Forecast, Plan
 from tiltcal.design.recording_blocks import Block
-from tiltcal.diagnosis.investigation.discriminating_blocks import ENOUGH, Proposal
+from tiltcal.diagnosis.investigation.discriminating_blocks import ENOUGH, BlockProposal
 from tiltcal.diagnosis.investigation.next_block import NextBlock
 from tiltcal.report.page import sections, write_page
 from tiltcal.report.plots import LOGARITHMIC, Plot, axes, colour, line, points
@@ -225,7 +225,8 @@ def _visibility(found: MaxMin) -> Plot:
     layout["xaxis"]["range"] = [0, 1.05]
     return Plot(
         [trace for trace in traces if len(trace["x"])],
-        "Visibility of each effect beside bias, scale and cross-axis terms, as a share of the most"
+        "Visibility of each effect in addition to bias, scale and cross-axis terms, as a share of"
+        " the most"
         " that any poses could leave.",
         f"Share of each of {len(names)} effects, from {rows[0]['share']:.3f} to"
         f" {rows[-1]['share']:.3f}; bound on the least share {found.bounds[0]:.3f}",
@@ -291,7 +292,7 @@ def lead_of_block(plan: NextBlock) -> str:
     )
 
 
-def _pair_comparison(considered: Sequence[Proposal]) -> Plot:
+def _pair_comparison(considered: Sequence[BlockProposal]) -> Plot:
     """Probability of separating the hardest pair, over the table time of each block."""
     chosen, others = considered[:1], considered[1:]
     traces = [

@@ -35,7 +35,7 @@ WORDS = {
 FOLLOWED = {"temperature": "temperature_degC", "tilt": "input", "rate": "input"}
 MOVING = ("rate", "time", "move", "sample", "frequency")
 """Coordinates of findings that show while the table moves; of others only rests are drawn."""
-FEWEST = 6  # rests
+MIN_DWELLS = 6  # rests
 MOST_LAWS = 4  # plots of one finding
 MOST_SPECTRA = 6
 WAVES = 12.0  # a curve goes up and down so often, at most
@@ -74,7 +74,7 @@ def _law_plot(laws: Sequence[LawView], coordinate: str) -> Plot | None:
         return None
     title, unit = coordinate_title(name), unit_sign(laws[0].unit)
     hover = f"{title} %{{x:.4g}}<br>%{{y:.4g}} {unit}"
-    rests = coordinate not in MOVING and all(law.still.sum() >= FEWEST for law in laws)
+    rests = coordinate not in MOVING and all(law.still.sum() >= MIN_DWELLS for law in laws)
     traces: list[Trace] = []
     for k, law in enumerate(laws):
         shown = law.still if rests else np.ones(len(law.law), bool)
@@ -83,8 +83,8 @@ def _law_plot(laws: Sequence[LawView], coordinate: str) -> Plot | None:
     peak = _size_in_words(laws, unit)
     return Plot(
         traces,
-        f"{what}: the law over {title.partition(',')[0]}, {peak}.",
-        f"Law of the finding in {what} against {title}: {peak}",
+        f"{what}: the curve over {title.partition(',')[0]}, {peak}.",
+        f"Curve of the finding in {what} against {title}: {peak}",
         axes(title, f"{what if laws[0].sensor else 'deviation'}, {unit}", showlegend=True),
     )
 

@@ -5,7 +5,7 @@ uncertainty budget.
 from collections.abc import Mapping, Sequence
 
 from tiltcal.calibration.result import Calibration
-from tiltcal.validation.uncertainty_budget import Budget
+from tiltcal.validation.uncertainty_budget import UncertaintyBudget
 
 
 def parameter_rows(
@@ -49,7 +49,7 @@ BUDGET_COLUMNS = (
 NEGLIGIBLE = 0.01  # of the combined uncertainty
 
 
-def budget_rows(budget: Budget, calibration: Calibration) -> list[dict[str, str]]:
+def budget_rows(budget: UncertaintyBudget, calibration: Calibration) -> list[dict[str, str]]:
     """Rows of text: the sources of each parameter, then combined and expanded uncertainty."""
     rows = []
     for name, unit in budget.units.items():

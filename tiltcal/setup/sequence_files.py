@@ -46,7 +46,7 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
             "sequence file",
             found=f"table {rig.table}",
             need="a table with axes",
-            do="write the steps down in words",
+            do="write the steps down as text",
         )
     rows: list[dict[str, str]] = []
     mount, here = rig.mount, np.zeros(len(rig.axis_names))

@@ -33,7 +33,7 @@ from tiltcal.effects.base import Effect, SignalEffect
 from tiltcal.effects.sense import Sense
 from tiltcal.effects.sensor.gyro import transverse
 from tiltcal.effects.table.geometry import AxisWobble, TableLevelling
-from tiltcal.effects.table.readout import EncoderZero, IndexError_
+from tiltcal.effects.table.readout import EncoderZero, SettingScatter
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario_tables import SourceTable
 from tiltcal.laboratory.sensor_columns import to_column
@@ -212,7 +212,7 @@ def _table_sources(setup: Setup, found: Calibration) -> list[dict[str, Any]]:
         sizes = {"tilt_east_arcsec": 3.0, "tilt_north_arcsec": 3.0}
         tables.append({"id": TableLevelling.id, **sizes})
     for axis in setup.rig.axis_names if setup.rig.axes else ():
-        tables.append({"id": IndexError_.id, "axis": axis, "sigma_arcsec": 3.0})
+        tables.append({"id": SettingScatter.id, "axis": axis, "sigma_arcsec": 3.0})
         sizes = {"m1c_arcsec": 3.0, "m1s_arcsec": 3.0}
         tables.append({"id": AxisWobble.id, "axis": axis, **sizes})
     return [{**table, "distribution": "rectangular"} for table in tables]
@@ -250,7 +250,7 @@ def _shifts(
             lambda size, r, s: (r, _changed_setup(s, table.id, name, size * factor, subject)),
         ), unit
     effect = _effect(table, key, setup, subject)
-    if table.id != IndexError_.id:
+    if table.id != SettingScatter.id:
         return (lambda size, r, s: (with_effect(r, s, _scaled(effect, size)), s),), unit
     # index errors are drawn at each stop: there each is an error of the encoder's zero
     axis = effect.axis or setup.rig.axis_names[0]
@@ -341,7 +341,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Budget:
+class UncertaintyBudget:
     """All lines; ``units``: of each parameter."""
 
     lines: tuple[Line, ...]
@@ -379,7 +379,7 @@ def make_budget(
     *,
     progress: Progress = silent,
     **options: Any,
-) -> tuple[Calibration, Budget]:
+) -> tuple[Calibration, UncertaintyBudget]:
     """A calibration and its budget; without ``tables`` a laboratory's usual ones
     (``usual_sources``).
 
@@ -408,7 +408,7 @@ def make_budget(
         return again
 
     lines += [_propagated(source, found, run, recording, setup) for source in wanted]
-    return found, Budget(tuple(lines), {n: e.unit for n, e in found.parameters.items()})
+    return found, UncertaintyBudget(tuple(lines), {n: e.unit for n, e in found.parameters.items()})
 
 
 def _type_a(found: Calibration) -> Line:

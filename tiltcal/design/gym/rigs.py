@@ -70,7 +70,7 @@ class AxisLimits:
             _require_positive(f"acceleration_{unit}_s2", acceleration[unit])
         stated = dict(pair for unit in limits for pair in _stated(table, unit, limits[unit]))
         for name in sorted(table.sliding - stated.keys()):
-            need = "its lowest and highest place"
+            need = "its lowest and highest position"
             raise _refused("limits_mm", f"no axis {name}, which slides", need)
         units = [table.unit(name) for name in table.axis_names]
         sizes = np.array([table.size(name) for name in table.axis_names])

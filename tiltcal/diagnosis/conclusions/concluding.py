@@ -11,7 +11,11 @@ import numpy as np
 from tiltcal.design.identifiability import POWER
 from tiltcal.diagnosis.conclusions.finding import Finding, Undetectable, Where, in_words
 from tiltcal.diagnosis.conclusions.fit_figures import LikelihoodGain, likelihood_gains
-from tiltcal.diagnosis.conclusions.one_recording import beside_drawn_anew, mean_and_rest, place_of
+from tiltcal.diagnosis.conclusions.one_recording import (
+    beside_drawn_anew,
+    mean_and_deviations,
+    place_of,
+)
 from tiltcal.diagnosis.conclusions.parts import amended_table, fitted_as, parts_of, strongest
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange, seen_range
 from tiltcal.diagnosis.conclusions.statements import (
@@ -225,7 +229,7 @@ def amended_of(
     ]
     for places in fitted.findings():
         effects = [_dated(fitted, k, first) for k in places]
-        effects = mean_and_rest(fitted, places, effects, observations)
+        effects = mean_and_deviations(fitted, places, effects, observations)
         if fitted.terms[places[0]].hypothesis.listed:
             effects = _beyond_seen(effects)
         marked += [(e, numbers[places[0]]) for e in effects]

@@ -17,7 +17,7 @@ from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 
 
 @dataclass(frozen=True)
-class Part:
+class FindingPart:
     """One effect of the amended scenario that belongs to a finding.
 
     Args:
@@ -65,7 +65,7 @@ class Part:
         return found | {"energy_share": self.energy_share}
 
 
-NO_LISTED = "a law that no list has"
+NO_LISTED = "a cause outside the catalogue"
 Verdict = Literal["match", "explained", "ambiguous", "unlisted", "cannot_tell"]
 
 
@@ -126,7 +126,7 @@ class Finding:
     axes: tuple[str, ...]
     where: Where
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    parts: tuple[Part, ...] = ()
+    parts: tuple[FindingPart, ...] = ()
     p_value: float | None = None
     delta_bic: float | None = None
     heldout_gain: float | None = None

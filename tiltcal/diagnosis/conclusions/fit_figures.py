@@ -24,7 +24,7 @@ from tiltcal.effects.base import Effect
 from tiltcal.statistics.dwell_noise import robust_white
 from tiltcal.statistics.noise_spectrum import NoiseModel, white_noise
 
-FEWEST = 8  # samples that a channel's white noise can be told from
+MIN_SAMPLES = 8  # samples that a channel's white noise can be told from
 CLIP = 3.0  # standard deviations
 CLIPPED = 0.97334  # variance of a normal within them
 
@@ -43,7 +43,7 @@ def under_fixed_white(start: FittedModel, whitened: WhitenedModel) -> WhitenedMo
         whitened.noise,
         strict=True,
     ):
-        level = white_level(channel.weighed(r)) if len(r) >= FEWEST else own.white
+        level = white_level(channel.weighed(r)) if len(r) >= MIN_SAMPLES else own.white
         noise.append(white_noise(max(level, channel.white)))
     return whitened.under(noise)
 

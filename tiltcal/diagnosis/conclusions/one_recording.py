@@ -81,7 +81,7 @@ def is_history(effect: Effect, observations: Observations) -> bool:
     return effect.coordinate in HISTORY and (once or effect.coordinate == "time")
 
 
-def mean_and_rest(
+def mean_and_deviations(
     fitted: FittedModel,
     places: Sequence[int],
     effects: Sequence[Effect],

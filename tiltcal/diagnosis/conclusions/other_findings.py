@@ -98,7 +98,7 @@ def _all_of(said: Explained) -> Iterator[tuple[float, Finding]]:
 
 def _slow(slow: SlowVariation) -> Finding:
     others = "the other recordings" if slow.whole else f"the other axes of {slow.sensor}"
-    beside = others if slow.beside_others else "the worst grade"
+    beside = others if slow.beside_others else "a consumer-grade sensor"
     place = f" in {slow.recording}" if slow.recording else ""
     found = _nameless(
         (slow.sensor,),
@@ -162,7 +162,7 @@ def _steady(where: str, band: NarrowBand) -> tuple[str, str]:
     return (
         f"An oscillation of {where} without a steady phase that no listed effect explains: between"
         f" {band.low:.3g} and {band.high:.3g} Hz its power is {band.times:.2g} times that of the"
-        " noise beside this band.",
+        " noise next to this band.",
         "record at rest for as long, with the drives on and then off, to see what oscillates",
     )
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.conclusions.finding import Part
+from tiltcal.diagnosis.conclusions.finding import FindingPart
 from tiltcal.diagnosis.conclusions.one_recording import place_of
 from tiltcal.diagnosis.conclusions.statements import learned_name, shown, stage_of
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw
@@ -28,7 +28,7 @@ PLACE = ("id", "on", "place", "role", "sensor", "axis", "seen_in")  # keys that 
 
 def parts_of(
     fitted: FittedModel, places: Sequence[int], law: WholeLaw, observations: Observations
-) -> tuple[Part, ...]:
+) -> tuple[FindingPart, ...]:
     """The parts of a finding, the leading one first.
 
     Args:
@@ -49,10 +49,10 @@ def parts_of(
     )
 
 
-def part_of(fault: Fault) -> Part:
+def part_of(fault: Fault) -> FindingPart:
     """A fault of the data as the only part of its finding."""
     effect = fault.effect
-    return Part(
+    return FindingPart(
         effect.id,
         CATALOGUE[effect.id].title,
         effect.stage,
@@ -63,7 +63,7 @@ def part_of(fault: Fault) -> Part:
     )
 
 
-def fitted_as(parts: Sequence[Part]) -> str:
+def fitted_as(parts: Sequence[FindingPart]) -> str:
     """The parts of a finding in words, those of one description together; empty for a single
     part.
     """
@@ -98,7 +98,7 @@ def strongest(
 
 def _part(
     term: FittedTerm, sigmas: Array, axes: tuple[str, ...], share: float, recording: str | None
-) -> Part:
+) -> FindingPart:
     effect = term.effect
     curve: dict[str, Any] = {}
     if isinstance(effect, Learned):
@@ -107,7 +107,7 @@ def _part(
     else:
         words = CATALOGUE[effect.id].title
     fitted = dict(zip(term.names, np.asarray(sigmas).tolist(), strict=True))
-    return Part(
+    return FindingPart(
         effect.id,
         words,
         stage_of(effect),
@@ -135,7 +135,7 @@ def _values(effect: Effect, sigmas: dict[str, float]) -> dict[str, tuple[float, 
     }
 
 
-def _said(part: Part, apart: bool) -> str:
+def _said(part: FindingPart, apart: bool) -> str:
     """A part in words, with its sizes where it has names for them; apart: with its recording."""
     place = f" {part.recording}" if apart and part.recording else ""
     if part.curve:

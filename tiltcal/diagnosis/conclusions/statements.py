@@ -75,7 +75,7 @@ def next_step(names: tuple[str, ...], effect: Effect) -> str:
 def step_for_one(recording: str) -> str:
     """What to do about a cause without a name that not all recordings have. recording: in words."""
     which = recording.removeprefix("in ")
-    return f"diagnose {which} apart: only laws that all recordings share have a name"
+    return f"diagnose {which} apart: only causes that all recordings share have a name"
 
 
 FOLLOWS = {
@@ -319,7 +319,7 @@ def untold(rig: Rig, samples: int, columns: int) -> str:
     on_table = "poses with the table read while the sensors are sampled, more than there are terms"
     record = by_hand if not rig.axes else on_table
     if not samples:
-        missing = "rests" if not rig.axes else "table angles beside readings of a sensor"
+        missing = "rests" if not rig.axes else "table angles with readings of a sensor"
         why = f"The recording holds no {missing}, so nothing in it tests the model"
     else:
         why = (

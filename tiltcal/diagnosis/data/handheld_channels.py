@@ -26,7 +26,7 @@ from tiltcal.diagnosis.data.handheld_recording import (
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations, Signal
 from tiltcal.diagnosis.data.sensor_perturbation import HandheldMotion, SensorPerturbation
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
-from tiltcal.effects.events import as_met
+from tiltcal.effects.events import active_in
 from tiltcal.forward.gravity_transport import GravityTransport, Windows
 from tiltcal.laboratory.handheld import (
     at_rest,
@@ -52,7 +52,7 @@ Respond = Callable[[SensorPerturbation], Array | None]
 
 
 @dataclass(frozen=True)
-class Part:
+class RedundantChannel:
     """A channel of a recording turned by hand.
 
     Args:
@@ -66,7 +66,7 @@ class Part:
     respond: Respond
 
 
-def parts_of(of: HandheldRecording) -> Iterator[Part]:
+def parts_of(of: HandheldRecording) -> Iterator[RedundantChannel]:
     """Every channel of a recording with what predicts it."""
     for fog in of.scenario.sensors("fog"):
         if of.recording.has(fog) and of.gyros:
@@ -86,7 +86,7 @@ def _channel(
     return Channel(of.number, sensor.name, axis, column, rows, time, values, stop)
 
 
-def _fog(of: HandheldRecording, fog: Sensor, gyro: Sensor) -> Part:
+def _fog(of: HandheldRecording, fog: Sensor, gyro: Sensor) -> RedundantChannel:
     """A FOG against the gyro triad.
 
     Effects act on the smoothed rate: one that averages would otherwise gain by averaging noise.
@@ -110,10 +110,12 @@ def _fog(of: HandheldRecording, fog: Sensor, gyro: Sensor) -> Part:
         change = push.fog(fog)
         return None if change is None else change[rows].T
 
-    return Part(_channel(of, fog, "a", 0, rows, samples.values[there, 0]), predict, respond)
+    return RedundantChannel(
+        _channel(of, fog, "a", 0, rows, samples.values[there, 0]), predict, respond
+    )
 
 
-def _norm(of: HandheldRecording, triad: Sensor) -> Iterator[Part]:
+def _norm(of: HandheldRecording, triad: Sensor) -> Iterator[RedundantChannel]:
     """The length of the accelerometer's reading at rest."""
     samples = of.recording.sensor(triad)
     there = of.calm[samples.rows] & ~np.isnan(samples.values).any(axis=1)
@@ -133,10 +135,10 @@ def _norm(of: HandheldRecording, triad: Sensor) -> Iterator[Part]:
         return np.asarray(np.einsum("nip,ni->pn", push.resting[rows], read / length[:, None]))
 
     channel = replace(_channel(of, triad, "norm", 0, rows, length), derived=True)
-    yield Part(channel, predict, respond)
+    yield RedundantChannel(channel, predict, respond)
 
 
-def _long_rests(of: HandheldRecording, triad: Sensor) -> Iterator[Part]:
+def _long_rests(of: HandheldRecording, triad: Sensor) -> Iterator[RedundantChannel]:
     """Each axis in rests of a minute and more, without its mean: the attitude is unknown, but it
     stays.
     """
@@ -152,7 +154,7 @@ def _long_rests(of: HandheldRecording, triad: Sensor) -> Iterator[Part]:
 
 def _long_rest(
     of: HandheldRecording, triad: Sensor, column: int, rows: Index, values: Array
-) -> Part:
+) -> RedundantChannel:
     """One axis in one long rest."""
 
     def predict(state: MotionState) -> Array:
@@ -167,10 +169,10 @@ def _long_rest(
         return np.asarray(change - change.mean(axis=1, keepdims=True))
 
     channel = _channel(of, triad, triad.axes[column], column, rows, values - values.mean())
-    return Part(replace(channel, derived=True), predict, respond)
+    return RedundantChannel(replace(channel, derived=True), predict, respond)
 
 
-def _still_gyro(of: HandheldRecording, gyro: Sensor) -> Iterator[Part]:
+def _still_gyro(of: HandheldRecording, gyro: Sensor) -> Iterator[RedundantChannel]:
     """The gyro at rest: its bias, and what the force does to it. Earth's rate is part of the bias:
     the heading is unknown.
     """
@@ -201,10 +203,10 @@ def _still_gyro(of: HandheldRecording, gyro: Sensor) -> Iterator[Part]:
             return push.still[np.searchsorted(push.at, rows), column].T
 
         values = samples.values[there, column]
-        yield Part(_channel(of, gyro, axis, column, rows, values), predict, respond)
+        yield RedundantChannel(_channel(of, gyro, axis, column, rows, values), predict, respond)
 
 
-def _turns(of: HandheldRecording, gyro: Sensor) -> Iterator[Part]:
+def _turns(of: HandheldRecording, gyro: Sensor) -> Iterator[RedundantChannel]:
     """Gravity's direction after each turn minus the one carried there by the gyro, rad: three
     components a turn.
 
@@ -224,7 +226,9 @@ def _turns(of: HandheldRecording, gyro: Sensor) -> Iterator[Part]:
         return -push.turns.reshape(-1, push.turns.shape[2]).T
 
     channel = _channel(of, gyro, "turn", 0, rows, np.zeros(len(rows)))
-    yield Part(replace(channel, derived=True, white=_least(of, windows)), predict, respond)
+    yield RedundantChannel(
+        replace(channel, derived=True, white=_least(of, windows)), predict, respond
+    )
 
 
 def _least(of: HandheldRecording, windows: Windows) -> float:
@@ -265,7 +269,7 @@ class HandheldObservations(Observations):
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
         """What each channel should have read. SI, (n,) each."""
-        states = [of.state(as_met(effects, of.recording.fingerprint)) for of in self._recorded]
+        states = [of.state(active_in(effects, of.recording.fingerprint)) for of in self._recorded]
         return [part.predict(states[part.channel.recording]) for part in self._parts]
 
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
@@ -399,6 +403,6 @@ class HandheldObservations(Observations):
     def _hands_under(self, effects: tuple[Effect, ...]) -> list[HandheldMotion]:
         """The motion of each recording as its sensors say it under these effects."""
         if self._hands[0] != effects:
-            met = [(of, as_met(effects, of.recording.fingerprint)) for of in self._recorded]
+            met = [(of, active_in(effects, of.recording.fingerprint)) for of in self._recorded]
             self._hands = (effects, [of.motion(own) for of, own in met])
         return self._hands[1]

@@ -28,7 +28,7 @@ from tiltcal.statistics.noise_spectrum import NoiseFit
 
 REST = "rest"  # extra column of an averaged log
 KEPT_AT_REST = 6000  # rows: a longer log is averaged in its rests
-NUDGE = 7.0  # sigma off the rest's median: somebody touched it
+DISTURBANCE_SIGMA = 7.0  # sigma off the rest's median: somebody touched it
 POSES_EACH = 0.5  # polynomials of the direction, at most, of each direction that was taken
 SHORT = 20.0  # s, of a rest
 LEAST_FREE = 6.0  # rests beyond the terms that may tell them apart
@@ -63,7 +63,7 @@ def undisturbed(rows: Mask, stop: Index, time: Array, values: Array) -> Mask:
         off = np.abs(values[rest] - np.nanmedian(values[rest], axis=0))
         spread = MAD_TO_SIGMA * np.nanmedian(off, axis=0)
         far = (
-            np.nan_to_num(off > NUDGE * spread).any(axis=1)
+            np.nan_to_num(off > DISTURBANCE_SIGMA * spread).any(axis=1)
             if (spread > 0).all()
             else np.zeros(len(rest), bool)
         )

@@ -17,7 +17,7 @@ from tiltcal.diagnosis.data.curve_columns import CurveColumns
 from tiltcal.diagnosis.data.observations import Channel, Columns, CurveFactors, Observations
 from tiltcal.diagnosis.data.sensor_perturbation import sensor_matrix
 from tiltcal.effects.base import Effect
-from tiltcal.effects.events import as_met
+from tiltcal.effects.events import active_in
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.loads import masses_of
 from tiltcal.forward.nominal_motion import NominalMotion
@@ -154,7 +154,7 @@ class TableObservations(Observations):
         self.courses: list[Replay] = []
         for recording in recordings:
             course = restored(
-                replay(recording, scenario, reference), as_met(known, recording.fingerprint)
+                replay(recording, scenario, reference), active_in(known, recording.fingerprint)
             )
             self.courses.append(course)
             # T0 stays that of the first recording
@@ -273,7 +273,7 @@ class TableObservations(Observations):
                 self.scenario,
                 course,
                 dict.fromkeys(sorted({c.sensor for c in mine}), time),
-                as_met(effects, recording.fingerprint),
+                active_in(effects, recording.fingerprint),
             )
             found += [
                 self._samplings[i].of(values[c.sensor][:, c.column])
@@ -321,7 +321,7 @@ class TableObservations(Observations):
             zip(self.recordings, self.courses, strict=True)
         ):
             names = {c.sensor for c in self.channels if c.recording == number}
-            met = as_met(effects, recording.fingerprint)
+            met = active_in(effects, recording.fingerprint)
             values = readings(
                 self.scenario, course, dict.fromkeys(sorted(names), recording.time), met
             )
@@ -342,7 +342,7 @@ class TableObservations(Observations):
             return {i: self._blocks[i].means(column) for i, column in whole.items()}
         for number, watch in enumerate(self.watches(around)):
             changes: dict[str, Array] = {}
-            for met in as_met([effect], self.recordings[number].fingerprint):
+            for met in active_in([effect], self.recordings[number].fingerprint):
                 changes = watch.changes(met, around)
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:

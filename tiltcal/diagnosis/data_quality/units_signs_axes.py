@@ -32,7 +32,7 @@ from tiltcal.effects.data.labelling_faults import (
     DataRotationSense,
     DataUnit,
 )
-from tiltcal.effects.events import as_met
+from tiltcal.effects.events import active_in
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.laboratory import restored
 from tiltcal.laboratory.scenario import Scenario
@@ -211,7 +211,7 @@ def _pair(
     turned = restored(course, [e for e in effects if e not in scenario.effects])
     there = np.flatnonzero(~np.isnan(samples.values).any(axis=1) & turned.known[samples.rows])
     some = there[:: max(1, len(there) // ROWS)]
-    met = as_met(effects, recording.fingerprint)
+    met = active_in(effects, recording.fingerprint)
     predicted = readings(scenario, turned, {sensor.name: recording.time[samples.rows[some]]}, met)[
         sensor.name
     ]

@@ -158,7 +158,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Proposal:
+class BlockProposal:
     """A block with what it should bring.
 
     Args:
@@ -210,11 +210,11 @@ class Design:
         twins: (truth, rival) that no block of this table tells apart.
     """
 
-    proposals: tuple[Proposal, ...]
+    proposals: tuple[BlockProposal, ...]
     twins: tuple[tuple[str, str], ...]
 
     @property
-    def best(self) -> Proposal | None:
+    def best(self) -> BlockProposal | None:
         """The block to record."""
         return self.proposals[0] if self.proposals else None
 
@@ -268,7 +268,7 @@ def _ranked(tried: Mapping[str, tuple[Block, Sequence[Pair]]], scenario: Scenari
     for block, pairs in tried.values():
         left = sorted((p for p in pairs if (p.truth, p.rival) not in twins), key=lambda p: p.chance)
         if left:
-            found.append(Proposal(block, block.seconds(scenario.rig) / 60, tuple(left)))
+            found.append(BlockProposal(block, block.seconds(scenario.rig) / 60, tuple(left)))
     return Design(tuple(sorted(found, key=lambda p: p.worth, reverse=True)), twins)
 
 

@@ -24,10 +24,10 @@ from tiltcal.design.recording_blocks import (
 )
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.investigation.discriminating_blocks import (
+    BlockProposal,
     Design,
     Judge,
     Pair,
-    Proposal,
     judged_in_turn,
     propose,
 )
@@ -122,10 +122,10 @@ class NextBlock:
         considered: every block that was compared, the best first.
     """
 
-    proposal: Proposal | None
+    proposal: BlockProposal | None
     statement: str
     twins: tuple[str, ...] = ()
-    considered: tuple[Proposal, ...] = ()
+    considered: tuple[BlockProposal, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -188,12 +188,13 @@ def next_block(
         raise TiltcalError(
             "diagnosis",
             found=f"verdict {verdict}, nothing with more than one name",
-            need="rivals to tell apart",
+            need="alternatives to separate",
             do="there is nothing to split",
         )
     if not scenario.rig.axes:
         return NextBlock(
-            None, "No sequence file can say how to turn by hand: " + _by_hand(diagnosis)
+            None,
+            "No sequence file can state how to turn a hand-held instrument: " + _by_hand(diagnosis),
         )
     told = (scenario, recordings, diagnosis, amended)
     asked = open_questions(*told)
@@ -276,7 +277,7 @@ def _more_poses(table: TableLimits, scenario: Scenario, why: str) -> NextBlock:
     )
     minutes = block.seconds(scenario.rig) / 60
     words = f"{why}: {block.words} ({minutes:.1f} min of table time)."
-    return NextBlock(Proposal(block, minutes, ()), words)
+    return NextBlock(BlockProposal(block, minutes, ()), words)
 
 
 def _by_hand(diagnosis: Mapping[str, Any]) -> str:

@@ -173,7 +173,7 @@ def log_excess(times: Array, width: int) -> Array:
 
 
 LENGTHS = (64, 128, 256, 512)  # samples of a stretch
-FEWEST = 20  # stretches at rest, or with motion in them, that are compared with each other
+MIN_STRETCHES = 20  # stretches at rest, or with motion in them, that are compared with each other
 SLOWEST = 2  # frequencies of a stretch's spectrum that a tone passes at least
 OF_TIME, OF_TEMPERATURE, OF_INPUT, OF_SIZE, OF_SPEED = (
     "time",
@@ -285,7 +285,7 @@ def likeliest_ridge(signal: Array, u: Array, moving: Mask, length: int) -> Ridge
     starts = np.arange(0, len(signal) - length + 1, length // 2)
     every = starts[:, None] + np.arange(length)
     moves = moving[every].any(axis=1)
-    alike = [rows for rows in (every[~moves], every[moves]) if len(rows) >= FEWEST]
+    alike = [rows for rows in (every[~moves], every[moves]) if len(rows) >= MIN_STRETCHES]
     if not alike:
         return None
     scores = np.concatenate([_scores(signal[rows]) for rows in alike])

@@ -46,7 +46,7 @@ no other than that.
 
 
 @dataclass(frozen=True)
-class Place:
+class MotionSource:
     """What may move at random.
 
     Args:
@@ -89,7 +89,7 @@ class CrossPrediction:
         """Hz."""
         return coefficient / (2 * self.count * self._step)
 
-    def evidence(self, place: Place) -> Array:
+    def evidence(self, place: MotionSource) -> Array:
         """Logarithm of the Bayes factor of a motion of a place in each octave, any part of what is
         predicted being as probable as another; the mean of two orders of the channels. (octaves,).
         """
@@ -116,7 +116,7 @@ class CrossPrediction:
             told = rest @ rest > OWN * (wave @ wave)
             yield _factor_of(rest, left) if told else 0.0
 
-    def _seen(self, place: Place) -> Columns:
+    def _seen(self, place: MotionSource) -> Columns:
         """What the channels that see a place answer to each of its parts, in units of their white
         noise, (p, count).
         """
@@ -307,7 +307,7 @@ def _in_another_form(name: str, hypotheses: Sequence[Hypothesis]) -> float:
 
 
 def _motion(
-    place: Place,
+    place: MotionSource,
     used: Sequence[Octave],
     channels: Sequence[Channel],
     probability: float,
@@ -331,21 +331,21 @@ def _motion(
     )
 
 
-def _places(observations: Observations, effects: Sequence[Effect]) -> Iterator[Place]:
+def _places(observations: Observations, effects: Sequence[Effect]) -> Iterator[MotionSource]:
     """Whatever may move: two frames, and the table axes."""
 
     def tilt(slot: str, turn: str) -> Columns:
         one = LearnedTilt(ONE, coordinate="time", knots=ALWAYS, slot=slot, turn=turn)
         return observations.changes(one, effects)
 
-    yield Place("base", "environment", tuple(tilt("base", turn) for turn in "xy"))
-    yield Place("mount", "mount", tuple(tilt("mount", turn) for turn in "xyz"))
+    yield MotionSource("base", "environment", tuple(tilt("base", turn) for turn in "xy"))
+    yield MotionSource("mount", "mount", tuple(tilt("mount", turn) for turn in "xyz"))
     for axis in observations.scenario.rig.axis_names:
         readout = LearnedReadout(ONE, coordinate="time", knots=ALWAYS, axis=axis)
-        yield Place(f"{axis} axis", "table", (observations.changes(readout, effects),))
+        yield MotionSource(f"{axis} axis", "table", (observations.changes(readout, effects),))
 
 
-def _octave_edges(place: Place, recordings: Sequence[CrossPrediction]) -> list[Octave]:
+def _octave_edges(place: MotionSource, recordings: Sequence[CrossPrediction]) -> list[Octave]:
     """What each octave says of a place, in all recordings together."""
     longest = max(recordings, key=lambda one: one.count)
     every = zip_longest(*(one.evidence(place) for one in recordings), fillvalue=0.0)

@@ -139,7 +139,7 @@ def noisy_sectors(sums: Array) -> Index:
 
 AFTER = (0.3, 1.0, 3.0, 10.0)  # s, in which the noise may settle after a move
 DEGREE = 5  # of the law by which it may depend on temperature, speed and its changes
-FEWEST = 256  # rows of a channel, which tell more than what they are regressed on
+MIN_ROWS = 256  # rows of a channel, which tell more than what they are regressed on
 VARIES = 1e-6  # of the squares, that no rounding is
 
 
@@ -280,7 +280,7 @@ def _squares(
     what they are regressed on.
     """
     channel, size = observations.channels[k], left**2
-    if len(left) < FEWEST:
+    if len(left) < MIN_ROWS:
         return None
     known = column_space(np.column_stack(list(_usual(observations, k, effects))))
     usual = known @ (known.T @ size)

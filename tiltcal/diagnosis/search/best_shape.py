@@ -32,7 +32,7 @@ from tiltcal.setup.tables import axis_of
 
 OTHERS = (0.6, 1.5, 2.0, 3.0)  # times as many knots
 RESOLUTIONS = 2 + len(OTHERS)  # with the first one and the line
-FEWEST = 4  # knots of a curve that has a resolution: one of three is a parabola
+MIN_KNOTS = 4  # knots of a curve that has a resolution: one of three is a parabola
 
 
 def resolutions(hypotheses: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
@@ -42,7 +42,7 @@ def resolutions(hypotheses: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
     curves = [
         (h, h.effect)
         for h in hypotheses
-        if isinstance(h.effect, Learned) and len(h.effect.knots) >= FEWEST
+        if isinstance(h.effect, Learned) and len(h.effect.knots) >= MIN_KNOTS
     ]
     yield from (proportional(hypothesis) for hypothesis, _ in curves)
     for factor in OTHERS:

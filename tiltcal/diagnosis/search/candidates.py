@@ -53,8 +53,8 @@ they were learnt.
 
 
 AGAIN = float(priors.UNLISTED_ODDS + np.log(TAKEN * TWICE / LISTED_TWICE))
-"""Log odds of a law that no list has, of which a name explains a share and the same name the rest,
-to laws of that name.
+"""Log odds of a cause outside the catalogue, of which a name explains a share and the same name the
+remainder, to causes of that name.
 """
 
 
@@ -91,7 +91,7 @@ class Names:
 
 
 @dataclass(frozen=True)
-class Row:
+class Candidate:
     """An explanation in a cause's place: log posterior odds and evidence, nats; gain, the fall of
     the deviance.
 
@@ -100,8 +100,8 @@ class Row:
     textbook_gain: of its textbook form alone; none where it has no such form, or not at
         sizes that its prior allows.
 
-    misfit: whether it is what the nameless causes leave of their laws; imitated: whether it is the
-    share of a law without a name that a listed form explains.
+    misfit: whether it is what the nameless causes leave of their laws.
+    partial: whether it is the share of a cause without a name that a listed form explains.
     """
 
     name: str
@@ -113,7 +113,7 @@ class Row:
     deviation: float = 0.0
     textbook_gain: float = -np.inf
     misfit: bool = False
-    imitated: bool = False
+    partial: bool = False
 
     @property
     def plain_evidence(self) -> float:
@@ -127,8 +127,8 @@ class Row:
 
 
 def imitation_odds(gain: float, columns: int) -> float:
-    """Log odds of a law that no list has, of which a name explains a share, to that name's own law,
-    where nothing is found beside it; nats.
+    """Log odds of a cause outside the catalogue, of which a name explains a share, to a cause of
+    that name, where nothing else is found; nats.
 
     Every share is as probable as another. The rest is one direction among many: up to the energy of
     the largest noise among them it is more likely missed than seen (Ingster, Math. Methods Statist.
@@ -153,7 +153,7 @@ def coarsened(gain: float) -> float:
     return 1 + gain / (2 * COARSE)
 
 
-def name_probabilities(rows: Sequence[Row]) -> Names:
+def name_probabilities(rows: Sequence[Candidate]) -> Names:
     """Probabilities under the coarsened posterior."""
     score = {
         name: float(logsumexp([r.coarse_score for r in rows if r.name == name]))
@@ -192,7 +192,7 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     )
 
 
-def _behind(row: Row, first: Row) -> float:
+def _behind(row: Candidate, first: Candidate) -> float:
     """How much less a row explains than the first one, nats: by their evidence, in textbook form
     where the first has that; or by the fit of its textbook form, however many sizes that takes,
     where the first was fitted.
@@ -216,7 +216,7 @@ def _needed(chance: Mapping[str, float], alike: Collection[str]) -> list[str]:
     return found
 
 
-def of_other_source(rows: Sequence[Row], law: Hypothesis) -> Iterator[Row]:
+def of_other_source(rows: Sequence[Candidate], law: Hypothesis) -> Iterator[Candidate]:
     """What is listed in a cause's place and whose shape tells its source, such as the frequency of
     a tone, as a law of that shape from a source that no list has. It acts on the same channels
     alike, which no curve of one channel does.
@@ -237,8 +237,8 @@ def of_other_source(rows: Sequence[Row], law: Hypothesis) -> Iterator[Row]:
 
 
 def of_any_form(
-    rows: Sequence[Row], own: Explanation, rest: State, scan: Scan, coarse: float
-) -> Iterator[Row]:
+    rows: Sequence[Candidate], own: Explanation, rest: State, scan: Scan, coarse: float
+) -> Iterator[Candidate]:
     """What is listed in a cause's place and has a curve of any form, as such a curve without a
     name: it is as probable there as a nameless curve over the same coordinate.
 
@@ -259,7 +259,9 @@ def of_any_form(
             yield row_of(law, odds, coarse, Proposal(law, odds))
 
 
-def completed(rows: Sequence[Row], own: Explanation, rest: State, coarse: float) -> Iterator[Row]:
+def completed(
+    rows: Sequence[Candidate], own: Explanation, rest: State, coarse: float
+) -> Iterator[Candidate]:
     """What is listed in a cause's place and completed by nameless curves, as a law that no list
     has: the name explains any share of it.
 
@@ -275,7 +277,7 @@ def completed(rows: Sequence[Row], own: Explanation, rest: State, coarse: float)
             yield row_of(law, prior, coarse, Proposal(law, prior))
 
 
-def misfits(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
+def misfits(state: State, k: int, rows: Sequence[Candidate]) -> Iterator[Candidate]:
     """What is listed in the place of a listed cause, as what the nameless ones leave of their laws:
     which of the listed takes that up is as open as which is a cause, but they leave it for certain.
     The form is the same; what differs is the prior of its size, which no coarsening blurs.
@@ -288,8 +290,8 @@ def misfits(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
             yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
 
 
-def imitated(rows: Sequence[Row], columns: int, again: bool) -> Iterator[Row]:
-    """What is listed in a cause's place, as what explains a share of a law that no list has. It
+def partial_matches(rows: Sequence[Candidate], columns: int, again: bool) -> Iterator[Candidate]:
+    """What is listed in a cause's place, as what explains a share of a cause outside the list. It
     leaves the rest where nothing finds it, or the same name takes that up again.
 
     Args:
@@ -301,10 +303,10 @@ def imitated(rows: Sequence[Row], columns: int, again: bool) -> Iterator[Row]:
         if row.name != UNLISTED:
             found = again and k == 0
             odds = AGAIN if found else imitation_odds(max(row.gain, 2 * row.evidence, 0), columns)
-            yield replace(row, name=UNLISTED, score=row.score + odds, imitated=True)
+            yield replace(row, name=UNLISTED, score=row.score + odds, partial=True)
 
 
-def _named(rows: Sequence[Row], own: Explanation) -> Iterator[tuple[Row, Explanation]]:
+def _named(rows: Sequence[Candidate], own: Explanation) -> Iterator[tuple[Candidate, Explanation]]:
     """The rows under a name, each with its explanation, where that was worked out."""
     for k, row in enumerate(rows):
         told = own if k == 0 else row.proposal and row.proposal.explanation
@@ -336,14 +338,16 @@ def _energy_of(term: FittedTerm, state: State) -> float:
     return sum(float(part @ part) for part in signal.values())
 
 
-def row_of(told: Explanation, prior: float, coarse: float, proposal: Proposal | None = None) -> Row:
+def row_of(
+    told: Explanation, prior: float, coarse: float, proposal: Proposal | None = None
+) -> Candidate:
     """An explanation under its own name."""
     evidence, less = told.evidence, told.coarsely(coarse)
     deviation = evidence - told.plain.evidence if told.plain else 0.0
     name, gain, plain = name_of(told.terms), told.gain, told.plain or told
     in_form = plain.hypothesis.textbook and all(n.plausible for n in plain.numbers)
     textbook = plain.gain if in_form else -np.inf
-    return Row(name, evidence + prior, evidence, less, gain, proposal, deviation, textbook)
+    return Candidate(name, evidence + prior, evidence, less, gain, proposal, deviation, textbook)
 
 
 def name_of(terms: Sequence[FittedTerm]) -> str:
@@ -355,7 +359,7 @@ def name_of(terms: Sequence[FittedTerm]) -> str:
 FIRST_ORDER = 0.01  # of what a law explains, by which its column may differ from its form
 
 
-def rows_in_place(state: State, k: int, scan: Scan) -> list[Row]:
+def candidates_for_cause(state: State, k: int, scan: Scan) -> list[Candidate]:
     """Everything that may stand in the place of a cause, all others being as they are."""
     rest, whitened, cause = without(state, k), state.whitened, state.causes[k]
     terms = state.terms(k)
@@ -373,13 +377,13 @@ def rows_in_place(state: State, k: int, scan: Scan) -> list[Row]:
     rows = list(_fitted(state, k, rows, coarse))
     rows += of_other_source(rows, law)
     rows += [*of_any_form(rows, own, rest, scan, coarse), *completed(rows, own, rest, coarse)]
-    shares = imitated(rows, whitened.columns.width, _is_again(state, k))
+    shares = partial_matches(rows, whitened.columns.width, _is_again(state, k))
     return [*rows, *misfits(state, k, rows), *shares]
 
 
 def _not_looked_at(
     rest: State, scan: Scan, known: Collection[int], coarse: float, counts: float
-) -> Iterator[Row]:
+) -> Iterator[Candidate]:
     """The hypotheses that were not worked out, by the evidence of their columns.
 
     Args:
@@ -404,10 +408,10 @@ def _not_looked_at(
             if told is None or not possible(told.terms[0]):
                 continue
         name = hypothesis.id if hypothesis.listed else UNLISTED
-        yield Row(name, float(fine[k]) + odds, float(fine[k]), float(less[k]), 0.0)
+        yield Candidate(name, float(fine[k]) + odds, float(fine[k]), float(less[k]), 0.0)
 
 
-def _fitted(state: State, k: int, rows: Sequence[Row], coarse: float) -> Iterator[Row]:
+def _fitted(state: State, k: int, rows: Sequence[Candidate], coarse: float) -> Iterator[Candidate]:
     """Rows, those of other names that explain nearly as much as the first at their own fit, where
     that is better: a column is its law's form to first order only.
     """

@@ -60,7 +60,7 @@ claim in a hundred is wrong, if the priors hold.
 DOUBTED = 0.5  # from which one is told as a doubt: it is more probable than not
 
 
-def believed(
+def select_claims(
     state: State, noise_source: NoiseSource
 ) -> tuple[State, tuple[float, ...], tuple[Doubt, ...]]:
     """A state without causes that are not probable enough to be claimed, the probability of each

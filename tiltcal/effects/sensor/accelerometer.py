@@ -84,7 +84,7 @@ class AccCrossAxis(TermEffect):
     order = 10
     title = "cross-axis sensitivity and non-orthogonality"
     parameters = (Parameter("cross_{pair}", "ppm", (2000, 10000, 20000)),)
-    physics = "Sensing axes are not square to each other, or lean against the body's frame."
+    physics = "Sensing axes are not orthogonal, or are misaligned with the body's frame."
     equation = "reading_i += C_ij f_j"
     source = "IEEE 1293 (misalignments); PHYSICS 3.4"
     excited_by = "tilting the other axis"
@@ -110,7 +110,7 @@ class AccK2(AccTerm):
     look = "constant and second harmonic; the norm gains first and third"
     ordinary = True
     family = Family(reading=("input",))
-    told_apart_by = {
+    distinguished_by = {
         "table_encoder_eccentricity": "compare the norm of all three axes: only K2 changes it"
     }
 
@@ -128,7 +128,7 @@ class AccK3(AccTerm):
     look = "first and third harmonics; six positions hide it in the scale factor"
     ordinary = True
     family = Family(reading=("input",))
-    told_apart_by = {"acc_Koq": "nothing within 1 g: a centrifuge"}
+    distinguished_by = {"acc_Koq": "nothing within 1 g: a centrifuge"}
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi * fi * fi / G0**2

@@ -113,7 +113,7 @@ class GyrMisalignment(RowWiseTerm):
     order = 10
     title = "cross-axis"
     parameters = (Parameter("cross_{pair}", "ppm", (500, 10000, 20000)),)
-    physics = "Input axes lean against the body's frame."
+    physics = "Input axes are misaligned with the body's frame."
     equation = "reading_i += C_ij w_j"
     source = "PHYSICS 3.5"
     excited_by = "turning about another axis"
@@ -136,7 +136,7 @@ class GyrGsens(RowWiseTerm):
     physics = "Gravity deflects the vibrating mass; the bias depends on the pose."
     equation = "reading_i += G_ij f_j (g)"
     source = "PHYSICS 1.1, 3.5; ADIS16445 data sheet 0.015 deg/s/g"
-    excited_by = "rest in several poses"
+    excited_by = "dwell in several poses"
     look = "static bias follows the pose; integrates to zero over a full turn"
     linear = True
     ordinary = True
@@ -156,7 +156,7 @@ class GyrG2sens(RowWiseTerm):
     physics = "Anisoelastic deflection: two load directions at once turn the drive mode."
     equation = "reading_i += G2_ij f_j^2 (g)"
     source = "IEEE 1431; PHYSICS 1.1"
-    excited_by = "rest in several poses"
+    excited_by = "dwell in several poses"
     look = "even in the force, second harmonic over a turn"
     linear = True
     family = Family(reading=("force_x", "force_y", "force_z"))

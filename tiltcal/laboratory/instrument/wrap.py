@@ -69,7 +69,7 @@ class Fitting:
             raise TiltcalError(
                 f"`{name}`",
                 found=f"'{source}', and an environment without a MuJoCo model at hand",
-                need="a place in the observation, or a function of it",
+                need="an index into the observation, or a function of it",
                 do="give a slice or a function",
             )
         sensors = [(b.unwrapped, ModelSensor(b.unwrapped.model, str(source))) for b in bodies]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
-from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.mapping import FileWords
 
@@ -40,7 +40,7 @@ class Format:
     marks: tuple[bytes, ...] = ()
     suffixes: tuple[str, ...] = ()
 
-    def read(self, path: Path, words: FileWords, budget: Budget) -> RawFile:
+    def read(self, path: Path, words: FileWords, budget: ReadBudget) -> RawFile:
         """The raw tables of a file.
 
         Raises:
@@ -109,7 +109,7 @@ def format_of(path: Path) -> Format:
     return TEXT
 
 
-def read_raw(path: Path, words: FileWords, budget: Budget | None = None) -> RawFile:
+def read_raw(path: Path, words: FileWords, budget: ReadBudget | None = None) -> RawFile:
     """The raw tables of a foreign file.
 
     Args:
@@ -120,4 +120,4 @@ def read_raw(path: Path, words: FileWords, budget: Budget | None = None) -> RawF
     Raises:
         TiltcalError: as ``Format.read`` and ``format_of`` do.
     """
-    return format_of(path).read(path, words, budget or Budget())
+    return format_of(path).read(path, words, budget or ReadBudget())

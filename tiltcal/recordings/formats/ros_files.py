@@ -9,7 +9,7 @@ from typing import Any
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.optional_library import library
-from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.formats.ros_messages import Topic
 
@@ -17,7 +17,7 @@ _MESSAGE = 1000  # bytes that a message takes as a row of values, about
 _FORMAT = "MCAP files"
 
 
-def read_mcap(path: Path, budget: Budget) -> RawFile:
+def read_mcap(path: Path, budget: ReadBudget) -> RawFile:
     """One table a topic.
 
     Raises:
@@ -52,7 +52,7 @@ def read_mcap(path: Path, budget: Budget) -> RawFile:
     return RawFile(path.name, "MCAP", tuple(t.table() for t in topics.values()))
 
 
-def _require_room(summary: Any, path: Path, budget: Budget) -> None:
+def _require_room(summary: Any, path: Path, budget: ReadBudget) -> None:
     """Refuse too much before any chunk is decompressed."""
     if summary is None or not summary.chunk_indexes:
         budget.require(_expanded(path), path.name)
@@ -96,7 +96,7 @@ def _decoder(schema: Any, channel: Any) -> Callable[[bytes], Any] | None:
     return lambda data: read(data, name)
 
 
-def read_bag(path: Path, budget: Budget) -> RawFile:
+def read_bag(path: Path, budget: ReadBudget) -> RawFile:
     """One table a topic.
 
     Raises:

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.cells import (
     EMPTY_WORDS,
     SEPARATORS,
@@ -98,7 +98,7 @@ def to_utf8(data: bytes, encoding: str, source: str) -> bytes:
 _HEAD = 1 << 16  # bytes that a dialect is found by
 
 
-def read_text(path: Path, words: FileWords, budget: Budget) -> RawFile:
+def read_text(path: Path, words: FileWords, budget: ReadBudget) -> RawFile:
     """A text file in a stated layout.
 
     Raises:

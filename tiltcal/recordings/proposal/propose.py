@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.dialect import Dialect
 from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.formats.registry import TEXT, format_of
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 _ABREAST = 28  # columns that a value takes before its reason
 
 
-def proposal_text(proposal: "Proposal") -> str:
+def proposal_text(proposal: "MappingProposal") -> str:
     """The text of the mapping."""
     lines = [
         f"# Mapping of {proposal.source}, proposed by `tiltcal import --propose`: check each line.",
@@ -63,7 +63,7 @@ def _line(key: str, value: object, reason: str) -> str:
     return f"{text:<{_ABREAST}} # {reason}" if reason else text
 
 
-def _file(proposal: "Proposal") -> list[str]:
+def _file(proposal: "MappingProposal") -> list[str]:
     main = _main(proposal)
     if proposal.dialect is None:
         return ["[file]", _line("table", main, "most channels stand there")] if main else []
@@ -78,13 +78,13 @@ def _file(proposal: "Proposal") -> list[str]:
     return lines
 
 
-def _main(proposal: "Proposal") -> str:
+def _main(proposal: "MappingProposal") -> str:
     """The table that most channels stand in."""
     names = [c.channel.table for c in proposal.columns]
     return max(names, key=names.count)
 
 
-def _time(proposal: "Proposal") -> list[str]:
+def _time(proposal: "MappingProposal") -> list[str]:
     time = proposal.time[_main(proposal)]
     if time.channel is None:
         if time.rate:
@@ -99,7 +99,7 @@ def _time(proposal: "Proposal") -> list[str]:
     return [*lines, _line("unit", time.unit, time.unit_reason)]
 
 
-def _column(column: "ColumnGuess", proposal: "Proposal") -> list[str]:
+def _column(column: "ColumnGuess", proposal: "MappingProposal") -> list[str]:
     channel, main = column.channel, _main(proposal)
     lines = ["[[column]]", _line("from", channel.source, "")]
     if channel.table != main:
@@ -148,7 +148,7 @@ class ColumnGuess:
 
 
 @dataclass(frozen=True)
-class Proposal:
+class MappingProposal:
     """A proposed mapping.
 
     Args:
@@ -178,14 +178,14 @@ class Proposal:
         return proposal_text(self)
 
 
-def propose_mapping(path: Path | str, budget: Budget | None = None) -> Proposal:
+def propose_mapping(path: Path | str, budget: ReadBudget | None = None) -> MappingProposal:
     """The proposed mapping of a file.
 
     Raises:
         TiltcalError: the file cannot be read, or holds no table of numbers.
     """
     path = Path(path)
-    budget = budget or Budget()
+    budget = budget or ReadBudget()
     format = format_of(path)
     dialect = text_dialect(path) if format is TEXT else None
     words = FileWords() if dialect is None else dialect.words
@@ -210,7 +210,7 @@ def _proposal(
     channels: Sequence[Channel],
     times: dict[str, TimeGuess],
     dialect: Dialect | None,
-) -> Proposal:
+) -> MappingProposal:
     taken = [id(t.channel) for t in times.values() if t.channel is not None]
     rest = [c for c in channels if id(c) not in taken]
     triads = [
@@ -231,7 +231,7 @@ def _proposal(
         raise _nothing(file)
     used |= {id(c.channel) for c in columns}
     tables = list(dict.fromkeys(c.channel.table for c in columns))
-    return Proposal(
+    return MappingProposal(
         file.source,
         file.format,
         max(len(t) for t in file.tables if t.name in tables),

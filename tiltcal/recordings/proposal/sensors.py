@@ -160,9 +160,12 @@ def _kind(windows: Windows) -> tuple[str, str]:
     if not moves(windows):
         return "", ""
     if share > _ATTITUDE:
-        return "accel", "three neighbours whose rests depend on the attitude, as gravity does"
+        return (
+            "accel",
+            "three neighbours whose standstill means depend on the attitude, as gravity does",
+        )
     if share < _ALIKE:
-        return "gyro", "three neighbours that read the same at every rest, and move between"
+        return "gyro", "three neighbours that read the same at every standstill, and differ between"
     return "", ""
 
 

@@ -8,10 +8,11 @@ from copy import deepcopy
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.setup.part import StrictTable
 
 Document = dict[str, Any]
 """A scenario as its TOML says it."""
@@ -79,20 +80,14 @@ def _nowhere(path: str, word: str, found: str, do: str) -> TiltcalError:
     )
 
 
-class Part(BaseModel):
-    """A table of a campaign file; unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Level(Part):
+class Level(StrictTable):
     """One level that sets several fields: ``label`` is what results call it."""
 
     label: str
     set: dict[str, Any]
 
 
-class Factor(Part):
+class Factor(StrictTable):
     """One factor, by one of these:
 
     ``values``: levels of one field. ``start, stop, count``: evenly spaced ones, with ``log`` in

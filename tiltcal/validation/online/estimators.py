@@ -81,8 +81,8 @@ class FieldScale:
             raise TiltcalError(
                 "estimator field_scale",
                 found=f"{len(rest)} readings at rest",
-                need="a first rest of ten readings or more",
-                do="state a longer rest_s, or rest longer",
+                need="a first standstill of ten readings or more",
+                do="state a longer rest_s, or stand still longer",
             )
         self.mean = rest.mean(axis=0)
         self.noise = max(float(np.var(rest[:, :3] @ self.axis - rest[:, 3])), 1e-24)

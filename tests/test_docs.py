@@ -27,7 +27,7 @@ def test_every_page_begins_with_what_the_reader_can_do_after_it(page):
     assert text.strip().startswith("After this page you")
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [*PAGES, *sorted(ROOT.glob("*.md"))], ids=lambda page: page.stem)
 def test_every_link_leads_somewhere(page):
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\((?!https?:|pictures/)([^)#]+)(?:#[^)]*)?\)", text):

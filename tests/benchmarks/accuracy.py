@@ -6,6 +6,7 @@ import secrets
 
 import numpy as np
 
+from tests.benchmarks import sized
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.assets import folder
@@ -28,7 +29,7 @@ CASES = (
     "north_four_positions",
     "gyro_rates_three",
 )
-DRAWS = 40
+DRAWS = sized(40, 2)
 
 
 def _error(scenario: Scenario, found: Calibration) -> TiltError:

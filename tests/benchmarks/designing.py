@@ -114,8 +114,9 @@ def blind(seed: int) -> None:
         found = maximise_least_visibility(seen, clock, POSES, seed)
         print(
             f"all effects observable, {words} ({len(seen.names)} effects, {len(found.in_order)} by"
-            f" the order), {POSES} poses: least share {found.shares.min():.4f} (at least .38; no"
-            f" design passes {found.bounds[0]:.4f}, none with 98.5 % D-efficiency {found.bounds[1]:.4f}),"
+            f" the order), {POSES} poses: least share {found.shares.min():.4f} (at least .38;"
+            f" no design passes {found.bounds[0]:.4f}, none with 98.5 % D-efficiency"
+            f" {found.bounds[1]:.4f}),"
             f" D-efficiency {found.efficiency:.4f} (at least .985), references within"
             f" {100 * found.reference_gap:.2f} %, least share by the order"
             f" {min(found.in_order.values(), default=1.0):.2f}, {time.process_time() - begun:.1f} s"

@@ -1,0 +1,58 @@
+"""docs/physics.md defines every effect once; what code cites is a heading or a publication."""
+
+import re
+from functools import cache
+
+import pytest
+from docs_examples import ROOT
+
+from tiltcal.effects import CATALOGUE
+
+PAGE = (ROOT / "docs" / "physics.md").read_text(encoding="utf-8")
+HEADING = re.compile(r"^#{2,3} (.+)$", re.M)
+ROW = re.compile(r"^\| `(\w+)` \| (.+) \| (.+) \| (.+) \|$", re.M)
+SHORT = re.compile(r"^\| ([^|]+?) \| [^|]+ \|$", re.M)
+CHAPTER = "Physics: "
+CITATION = re.compile(r'docs/(\w+)\.md,\s+"([^"]+)"')
+CODE = sorted(
+    p
+    for folder in ("tiltcal", "sim", "tests")
+    for p in (ROOT / folder).rglob("*.py")
+    if p.is_file()
+)
+
+
+@cache
+def chapters() -> dict[str, str]:
+    """Heading -> the text below it, up to the next heading."""
+    found = list(HEADING.finditer(PAGE))
+    ends = [*(m.start() for m in found[1:]), len(PAGE)]
+    return {m.group(1): PAGE[m.end() : end] for m, end in zip(found, ends, strict=True)}
+
+
+def test_every_effect_is_defined_exactly_once():
+    defined = [match.group(1) for match in ROW.finditer(PAGE)]
+    assert sorted(defined) == sorted(CATALOGUE)
+
+
+@pytest.mark.parametrize("id", CATALOGUE)
+def test_a_source_names_the_chapter_that_defines_the_effect_and_publications_it_lists(id):
+    *publications, last = CATALOGUE[id].source.split("; ")
+    assert last.startswith(CHAPTER)
+    row = next(m for m in ROW.finditer(chapters()[last.removeprefix(CHAPTER)]) if m.group(1) == id)
+    assert all(cell.strip() for cell in row.groups())
+    listed = {match.group(1) for match in SHORT.finditer(chapters()["References"])}
+    for publication in publications:
+        assert publication in listed
+        assert publication in row.group(3)
+
+
+def test_headings_that_code_cites_exist():
+    cited = {
+        (page, heading)
+        for path in CODE
+        for page, heading in CITATION.findall(path.read_text(encoding="utf-8"))
+    }
+    for page, heading in cited:
+        text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+        assert heading in HEADING.findall(text), f"{page}: {heading}"

@@ -1,13 +1,18 @@
-"""docs/physics.md defines every effect once; what code cites is a heading or a publication."""
+"""The reference pages: docs/physics.md defines every effect once; what code cites is a heading or a
+publication; modules, files and commands that the pages name exist.
+"""
 
+import pkgutil
 import re
 from functools import cache
 
 import pytest
 from docs_examples import ROOT
 
+from tiltcal.cli.commands import COMMANDS
 from tiltcal.effects import CATALOGUE
 
+PAGES = ("physics", "sources")
 PAGE = (ROOT / "docs" / "physics.md").read_text(encoding="utf-8")
 HEADING = re.compile(r"^#{2,3} (.+)$", re.M)
 ROW = re.compile(r"^\| `(\w+)` \| (.+) \| (.+) \| (.+) \|$", re.M)
@@ -56,3 +61,28 @@ def test_headings_that_code_cites_exist():
     for page, heading in cited:
         text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
         assert heading in HEADING.findall(text), f"{page}: {heading}"
+
+
+PYTHON_NAME = re.compile(r"`(tiltcal(?:\.\w+)+|tiltsim(?:\.\w+)+)`")
+FILE = re.compile(r"`((?:scenarios|tests)/[\w/]+\.\w+)`")
+COMMAND = re.compile(r"`tiltcal ([a-z-]+)")
+
+
+def named(pattern: re.Pattern[str]) -> list[str]:
+    """What the reference pages name in this way."""
+    texts = [(ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8") for page in PAGES]
+    return sorted({name for text in texts for name in pattern.findall(text)})
+
+
+@pytest.mark.parametrize("name", named(PYTHON_NAME))
+def test_a_named_module_or_function_exists(name):
+    assert pkgutil.resolve_name(name) is not None
+
+
+@pytest.mark.parametrize("name", named(FILE))
+def test_a_named_file_exists(name):
+    assert (ROOT / name).exists()
+
+
+def test_named_commands_exist():
+    assert set(named(COMMAND)) <= set(COMMANDS)

@@ -12,7 +12,7 @@ from docs_examples import ROOT
 from tiltcal.cli.commands import COMMANDS
 from tiltcal.effects import CATALOGUE
 
-PAGES = ("physics", "sources")
+PAGES = ("physics", "sources", "interfaces")
 PAGE = (ROOT / "docs" / "physics.md").read_text(encoding="utf-8")
 HEADING = re.compile(r"^#{2,3} (.+)$", re.M)
 ROW = re.compile(r"^\| `(\w+)` \| (.+) \| (.+) \| (.+) \|$", re.M)

@@ -2,6 +2,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 WORKERS ?= 2
+# files of others that some tests read: tests/outside_files.py
+TILTCAL_TEST_FILES ?= $(abspath $(wildcard ../shared))
+export TILTCAL_TEST_FILES
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test check bench docs lock clean

@@ -89,7 +89,7 @@ def test_named_commands_exist():
     assert set(named(COMMAND)) <= set(COMMANDS)
 
 
-OUTSIDE = re.compile(r"\b(?:PHYSICS|METHODS) \d|\bCONTRACT\b|\bseed S\d")
+OUTSIDE = re.compile(r"\b(?:PHYSICS|METHODS) \d|\bCONTRACT\b|\bseed S\d|\bshared/|[\"']shared[\"']")
 
 
 @pytest.mark.parametrize("folder", ["tiltcal", "sim", "tests", "docs", "scenarios", "models"])

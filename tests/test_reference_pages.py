@@ -98,3 +98,9 @@ def test_nothing_cites_a_document_outside_the_repository(folder):
     assert files
     texts = {p: p.read_text(encoding="utf-8") for p in files if p != Path(__file__)}
     assert [str(p) for p, text in texts.items() if OUTSIDE.search(text)] == []
+
+
+def test_named_tests_exist():
+    tests = "\n".join(p.read_text(encoding="utf-8") for p in (ROOT / "tests").glob("test_*.py"))
+    for name in named(re.compile(r"`(test_\w+)`")):
+        assert f"def {name}(" in tests, name

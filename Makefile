@@ -5,12 +5,14 @@ WORKERS ?= 2
 # files of others that some tests read: tests/outside_files.py
 TILTCAL_TEST_FILES ?= $(abspath $(wildcard ../shared))
 export TILTCAL_TEST_FILES
+# of linear algebra, in each process
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench docs lock clean
+.PHONY: help setup demo test test-long check bench docs lock clean
 
 help:  ## show what each target does
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 setup: .venv/.ready  ## create .venv with the pinned, hash-checked dependencies and the tiltcal command
 
@@ -25,10 +27,13 @@ setup: .venv/.ready  ## create .venv with the pinned, hash-checked dependencies 
 demo: setup  ## simulate, calibrate and verify on built-in scenarios; prints a table and the report's path
 	@$(BIN)/tiltcal demo -o demo-output
 
-test: setup  ## the whole test suite
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal tests
+test: setup  ## the tests, those in tests/long left out
+	@$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal --ignore=tests/long tests
 
-check: setup  ## format, lint, types, import contract, ids of effects, docstrings, statistics of the source
+test-long: setup  ## tests that take long, before a release: every benchmark at its smallest size
+	@$(ONE_THREAD) $(BIN)/python -m pytest tests/long
+
+check: setup  ## format, lint, types, import contract, ids of effects, docstrings, limits of the source
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -38,7 +43,7 @@ check: setup  ## format, lint, types, import contract, ids of effects, docstring
 	$(BIN)/python -m tests.checks.structure
 
 bench: setup  ## accuracy, speed and memory figures (never part of the tests)
-	@$(BIN)/python -m tests.benchmarks
+	@$(ONE_THREAD) $(BIN)/python -m tests.benchmarks
 
 docs: setup  ## the site, into site/
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

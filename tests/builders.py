@@ -9,8 +9,7 @@ from tiltcal.effects import make_effect
 from tiltcal.effects.base import Effect
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import readings
-from tiltcal.setup.schedule import Schedule
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import Schedule, build_schedule
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.sequence import Climate, Step
 from tiltcal.setup.setup import Rig, Setup, Site

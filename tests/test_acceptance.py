@@ -8,9 +8,8 @@ from fake_runs import NAMES, SIGMA, at_the_bound, drawn, geometry, rows_of, scen
 from scipy.stats import binom, chi2, kstest
 from statistics_helpers import FALSE_ALARM, rng_of
 
-from tiltcal.validation.effective_dof import effective_dof
-from tiltcal.validation.limits import limits_of
-from tiltcal.validation.tilt_limits import rms_interval
+from tiltcal.validation.accuracy import effective_dof
+from tiltcal.validation.limits import limits_of, rms_interval
 
 VERIFICATIONS = 2000
 
@@ -26,7 +25,7 @@ def broken(rows, **accept):
     return [name for name, limit in judged(rows, **accept).items() if not limit.passed]
 
 
-@pytest.mark.parametrize("runs", [1, 3, 20])
+@pytest.mark.parametrize("runs", [1, 3, pytest.param(20, marks=pytest.mark.long)])
 def test_a_correct_method_at_its_bound_is_accepted(runs):
     rng, limits = rng_of(f"correct {runs}"), at_the_bound()
     case = scenario(**limits)

@@ -6,7 +6,7 @@ from builders import LATITUDE, G
 from pydantic import ValidationError
 
 from tiltcal.core.units import ARCSEC, G0
-from tiltcal.forward.adc import coded, converted, fine_grid
+from tiltcal.forward.signal_chain import coded, converted, fine_grid
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.sensor import Converter, Sensor

@@ -11,7 +11,7 @@ from tiltcal.cli import main
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.sensor.noise import FLICKER_TAUS, draw_noise
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.statistics.allan import TERMS, AllanDeviation, allan_deviation, fit_noise, slopes
 
 RATE = 100.0
@@ -52,7 +52,6 @@ def test_white_noise_and_random_walk_average_to_their_closed_forms(white, walk):
     assert np.all(np.abs(mean / expected - 1) < np.maximum(chance, 0.01)), mean / expected
 
 
-@pytest.mark.slow
 def test_synthetic_flicker_averages_to_its_closed_form_within_one_per_cent():
     """Gaussian noise shaped to the one-sided density B^2/(pi f); sqrt(2 ln 2 / pi) B at every
     averaging time.

@@ -14,7 +14,7 @@ from tiltcal.core.assets import folder
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 
 def scenario_of(name, **changed):
@@ -231,7 +231,7 @@ CASES = [
         "fog_scale",
         "a rest that is too short",
         scenario_of("fog_scale_by_hand", sequence=[FIELD[0] | {"dwell_s": 4}, *FIELD[1:]]),
-        "rest again",
+        "stand still longer",
     ),
     Case(
         "fog_scale",
@@ -251,7 +251,7 @@ CASES = [
         "fog_scale",
         "moved while resting",
         scenario_of("fog_scale_by_hand", sequence=FIELD),
-        "moved during the rest",
+        "moved during the standstill",
         (moved("fog_a", 0.2, 100.0), moved("gyro_x", 0.2, 0.05)),
     ),
     Case(

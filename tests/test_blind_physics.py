@@ -184,7 +184,6 @@ def test_the_non_centrality_is_the_mean_excess_of_the_test_statistic():
 # against the simulator
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", TABLES)
 def test_the_products_simulator_reads_the_same_for_the_same_motion(kind, here):
     """Two programs that share no line agree far below the noise wherever nothing is concealed."""

@@ -321,7 +321,7 @@ PROOF = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_few_blind_trials_hold_what_is_promised(tmp_path):
     """Rates as promised leave these many failures at most; one in ten thousand correct products
     would break a line.

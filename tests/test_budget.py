@@ -8,10 +8,10 @@ import pytest
 from scenario_files import BENCH_SCENARIO, EFFECTS, HEAD, refusal
 
 from tiltcal.cli import main
-from tiltcal.core.budget import Budget, allow, require_within, restoring
+from tiltcal.core.budget import WorkBudget, allow, require_within, restoring
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 LONG = '[[sequence]]\naction = "rest"\ndwell_s = {}\n'
 
@@ -57,13 +57,13 @@ def test_more_is_within_a_budget_that_allows_it():
         require_within("work", rows=2e8, size=3 * 2**30, seconds=3000, less="ask for less")
         with pytest.raises(TiltcalError, match="need at most 1 h"):
             require_within("work", seconds=4000, less="ask for less")
-    assert Budget.allowed() == Budget()
+    assert WorkBudget.allowed() == WorkBudget()
 
 
 def test_what_the_environment_allows_has_to_be_a_number(monkeypatch):
     monkeypatch.setenv("TILTCAL_ALLOW_ROWS", "many")
     with pytest.raises(TiltcalError, match="TILTCAL_ALLOW_ROWS: found 'many'"):
-        Budget.allowed()
+        WorkBudget.allowed()
 
 
 def test_runs_without_number_are_refused_with_their_bytes_and_hours(here, capsys):

@@ -13,10 +13,9 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC
 from tiltcal.validation.campaign.campaign_file import Campaign, CampaignTable, load_campaign
 from tiltcal.validation.campaign.campaign_runs import Recorded, content_of, runs_of
-from tiltcal.validation.campaign.factors import Factor
-from tiltcal.validation.campaign.fields import with_fields
+from tiltcal.validation.campaign.factors import Factor, with_fields
 from tiltcal.validation.campaign.points import count_of, points_of
-from tiltcal.validation.campaign.sensitivity import sensitivity_of
+from tiltcal.validation.campaign.summary import sensitivity_of
 from tiltcal.validation.run_statistics import statistics_of
 from tiltcal.validation.runs import ParameterRow, Row
 

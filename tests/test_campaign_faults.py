@@ -289,7 +289,7 @@ def test_a_full_disk_loses_nothing_that_was_recorded(whole):
         command, capture_output=True, text=True, check=False, preexec_fn=little_room
     )
     assert done.returncode == 2
-    assert "make room and run the same command again" in done.stderr
+    assert "free some space and run the same command again" in done.stderr
     assert not Path("out/results.parquet").exists()
     made = Path("made").stat().st_size
     assert 3 <= made < 10

@@ -25,8 +25,7 @@ from tiltcal.recordings.recording_files import read_recording
 from tiltcal.report.certificate import certificate_page, make_certificate
 from tiltcal.report.certificate_scope import not_tested, procedure
 from tiltcal.report.certificate_tables import pose_table, rounded
-from tiltcal.report.dcc import dcc_text
-from tiltcal.report.dsi import si_unit
+from tiltcal.report.dcc import dcc_text, si_unit
 from tiltcal.report.pose_residuals import PoseRow, pose_rows
 from tiltcal.report.stated import Stated
 
@@ -234,7 +233,6 @@ def test_the_page_stands_alone(written):
     assert len(re.findall("<table", page)) == len(re.findall('<div class="wide"><table', page))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["out.html"])
 def test_the_page_prints_on_two_sides(written, name, tmp_path):
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -396,7 +394,6 @@ METHODS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", METHODS)
 def test_the_dcc_and_the_page_of_every_kind_of_result(name, schema):
     scenario = load_scenario(folder("scenarios") / f"{name}.toml")

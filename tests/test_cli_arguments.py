@@ -3,9 +3,9 @@
 import pytest
 
 from tiltcal.cli import app, main
-from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.calibrate import parse_options
 from tiltcal.cli.commands import COMMANDS
+from tiltcal.cli.design_options import axis_limits
 from tiltcal.cli.options import DEFAULT_BUDGET
 from tiltcal.core.errors import TiltcalError
 

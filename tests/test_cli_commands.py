@@ -12,7 +12,8 @@ from tiltcal.calibration.result import load_calibration
 from tiltcal.cli import main
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 
 SUFFIXES = (".csv", ".parquet", ".npz")
 

@@ -11,7 +11,8 @@ from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.cli import main
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 
 BENCH = """
 schema = 1
@@ -81,6 +82,6 @@ def test_a_rest_that_is_too_short_and_an_unknown_name_are_refused(field, capsys)
     folder, _ = field
     words = ["--estimator", "field_scale", "--option", "rest_s=0.01"]
     assert command(folder, *words) == 2
-    assert "a first rest of ten readings or more" in capsys.readouterr().err
+    assert "a first standstill of ten readings or more" in capsys.readouterr().err
     assert command(folder, "--estimator", "kalmann") == 2
     assert "did you mean 'kalman'?" in capsys.readouterr().err

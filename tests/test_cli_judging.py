@@ -10,11 +10,12 @@ from scenario_files import BENCH_SCENARIO, EFFECTS, HEAD, SEQUENCE
 from tiltcal.calibration.methods.registry import METHODS
 from tiltcal.cli import main
 from tiltcal.cli.commands import COMMANDS
-from tiltcal.cli.demo_case import CONCEALABLE, bench, concealed
+from tiltcal.cli.demo import CONCEALABLE, bench, concealed
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 
 
 def answer(capsys, *words, status=0):
@@ -129,7 +130,6 @@ def test_verify_runs_a_folder_and_one_bad_scenario_rejects_it(here, capsys):
     assert (here / "out" / "report.html").exists()
 
 
-@pytest.mark.slow
 def test_the_demo_accepts_its_scenarios_and_finds_what_it_has_concealed(here, capsys):
     assert main(["demo", "--seed", "5"]) == 0
     out, err = capsys.readouterr()

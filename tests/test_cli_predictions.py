@@ -9,8 +9,9 @@ import pytest
 
 from tiltcal.cli import main
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
-from tiltcal.statistics.spline_basis import DEGREE
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
+from tiltcal.statistics.splines import DEGREE
 
 
 def predicted(toml, motion):

@@ -11,7 +11,8 @@ import pytest
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli import main
 from tiltcal.laboratory.scenario import load_scenario
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 
 
 def long_log(path, rows):
@@ -57,7 +58,6 @@ def peak_of(*words):
     return int(kibibytes) / 1024
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_a_long_recording_is_corrected_in_the_memory_of_a_short_one(suffix, good, here):
     peaks, sizes = [], []

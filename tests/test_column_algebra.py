@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tiltcal.diagnosis.model import tried_shapes
+from tiltcal.diagnosis.model import column_store
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix, columns_of
+from tiltcal.diagnosis.model.column_store import TriedShapes
 from tiltcal.diagnosis.model.cosine_basis import basis_of, project, projected
 from tiltcal.diagnosis.model.normal_equations import explained_beside, left_beside
-from tiltcal.diagnosis.model.tried_shapes import TriedShapes
 
 LENGTHS = (60, 45)
 
@@ -60,7 +60,7 @@ def test_a_column_within_the_basis_explains_nothing(model):
 
 def test_shapes_are_kept_as_far_as_memory_goes(monkeypatch):
     waves = np.zeros((1, 100), np.float32)
-    monkeypatch.setattr(tried_shapes, "MOST", 2 * waves.nbytes)
+    monkeypatch.setattr(column_store, "MOST", 2 * waves.nbytes)
     asked, known = [], TriedShapes()
     for key in "abacab":
         known.of(key, lambda key=key: asked.append(key) or {0: ([0], waves)})

@@ -205,14 +205,13 @@ def measured(up, rng):
     return log_of(clean, SENSOR, dwell=DWELL, move=MOVE, noise=noise)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "up", "other", "judged_by"),
     [
         ("six_position", FACES, FACES[[2, 0, 4, 5]], "tilt"),
         ("six_position", FACES, sphere(9), "norm"),
-        ("norm", sphere(16), sphere(11), "norm"),
-        ("norm", sphere(16), FACES, "tilt"),
+        pytest.param("norm", sphere(16), sphere(11), "norm", marks=pytest.mark.long),
+        pytest.param("norm", sphere(16), FACES, "tilt", marks=pytest.mark.long),
     ],
 )
 def test_the_p_value_of_check_is_uniform_when_nothing_has_changed(method, up, other, judged_by):

@@ -25,7 +25,7 @@ from tiltcal.design.steps import designed_table, steps_of
 from tiltcal.design.terms import Wanted, scenario_model
 from tiltcal.design.time_budget import Clock, unwound
 from tiltcal.laboratory.scenario import parse_scenario
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.tables import find_table
 
 BARS = {

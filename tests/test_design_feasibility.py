@@ -64,20 +64,20 @@ WISHES = {
     "a negative rate": (["--rate-deg-s", "-1"], ("rate",)),
     "a negative settling": (["--settle-s", "-1"], ("settling",)),
     "dwells exchanged": (["--dwell-s", "60", "5"], ("longest 5 s, shortest 60 s",)),
-    "few poses blind to nothing": (
-        ["--blind-to-nothing", "4"],
+    "few poses with all effects observable": (
+        ["--all-effects-observable", "4"],
         ("4 poses", "scale and cross-axis terms absorb all"),
     ),
-    "blind to nothing of what nobody knows": (
-        ["--blind-to-nothing", "24", "--terms", "acc_K9"],
+    "all effects observable, of what nobody knows": (
+        ["--all-effects-observable", "24", "--terms", "acc_K9"],
         ("effect: found 'acc_K9'",),
     ),
-    "blind to nothing where all is ordinary": (
-        ["--blind-to-nothing", "24", "--terms", "mount_misalignment"],
-        ("no effect that these poses show beside bias",),
+    "all effects observable, where all is ordinary": (
+        ["--all-effects-observable", "24", "--terms", "mount_misalignment"],
+        ("no effect that these poses show in addition to bias",),
     ),
-    "blind to nothing in no time": (
-        ["--blind-to-nothing", "24", "--budget-s", "200"],
+    "all effects observable, in no time": (
+        ["--all-effects-observable", "24", "--budget-s", "200"],
         ("200 s", "24 poses"),
     ),
     "only nuisances": (["--terms", "drift"], ("acc_drift",)),

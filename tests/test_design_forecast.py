@@ -109,7 +109,6 @@ def estimated(plan: Plan, scenario: Scenario, seed: int) -> np.ndarray:
     return np.linalg.solve(information, design_matrix.T @ (means * root).ravel())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_the_forecast_covariance_is_the_one_that_instruments_in_mujoco_scatter_with(case):
     _, plan, designed = planned(case)

@@ -12,7 +12,7 @@ from diagnosis_fixtures import bench, honest, recorded
 from tiltcal.cli import main
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.laboratory.scenario import parse_scenario
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 LEFT_OUT = {  # what is concealed, its parameter with unit, table, sensor
     "table_levelling": (
@@ -63,7 +63,6 @@ def case(request):
     return effect, parameter, truth, recording, diagnose(honest(truth), [recording])
 
 
-@pytest.mark.slow
 def test_it_is_named_and_sized(case):
     effect, parameter, _, _, found = case
     assert found.verdict in ("explained", "ambiguous")
@@ -77,13 +76,11 @@ def test_it_is_named_and_sized(case):
     assert found.after.chi2_per_dof < found.before.chi2_per_dof
 
 
-@pytest.mark.slow
 def test_the_amended_scenario_explains_the_recording(case):
     _, _, _, recording, found = case
     assert diagnose(parse_scenario(dict(found.amended)), [recording]).verdict == "match"
 
 
-@pytest.mark.slow
 def test_the_amended_scenario_predicts_another_recording(case):
     effect, _, truth, _, found = case
     other = recorded(truth, None)
@@ -112,7 +109,6 @@ def test_the_amended_scenario_predicts_another_recording(case):
     assert errors[1] < 0.5 * errors[0]
 
 
-@pytest.mark.slow
 def test_a_recording_with_nothing_left_out_is_a_match():
     truth = bench()
     found = diagnose(honest(truth), [recorded(truth, 0)])
@@ -141,7 +137,6 @@ def files(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
 def test_the_command_writes_the_answer_the_amended_scenario_and_an_offline_report(files, capsys):
     words = ["diagnose", str(files / "run.csv"), "--scenario", str(files / "honest.toml")]
     # with a finding, --check is a status of its own

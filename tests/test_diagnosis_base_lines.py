@@ -6,8 +6,7 @@ from test_diagnosis_stamps import moving
 
 from tiltcal.diagnosis.data_quality.prepare import averaged_blocks, prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.lines.lines_in_coefficients import base_tilts_of
-from tiltcal.diagnosis.lines.spectral_lines import tones_of
+from tiltcal.diagnosis.lines.spectral_lines import base_tilts_of, tones_of
 
 EVERY = 15.3  # s
 LASTS = 121.0  # s

@@ -13,7 +13,7 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import WhiteFlickerWalk
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 300.0}
 

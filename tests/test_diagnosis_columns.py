@@ -16,8 +16,7 @@ from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
 from tiltcal.effects.spans import SpectralLines
-from tiltcal.statistics.noise_spectrum import NoiseFit
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk, deviance
+from tiltcal.statistics.noise_spectrum import NoiseFit, WhiteFlickerWalk, deviance
 
 LENGTHS = (40, 30, 50)
 

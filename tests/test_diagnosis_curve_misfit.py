@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded, tumble
 
-from tiltcal.diagnosis.conclusions.one_recording import mean_and_rest
+from tiltcal.diagnosis.conclusions.one_recording import mean_and_deviations
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.hypotheses.priors import EXPECTED_CAUSES, UNLISTED, log_priors
@@ -161,7 +161,7 @@ def test_what_a_textbook_form_leaves_over_time_ends_with_its_recording():
     law, left_over = square_on("x"), Hypothesis(over_time, ("c0",))
     state = state_of([law, left_over], {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 5e5})
     whole = taken_in(state, 1, 0).fitted
-    effects = mean_and_rest(
+    effects = mean_and_deviations(
         whole, whole.findings()[0], [t.effect for t in whole.terms], state.whitened.observations
     )
     assert [(e.id, e.lasts) for e in effects] == [

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from tiltcal.core.units import G0
-from tiltcal.diagnosis.conclusions.events import beside_drawn_anew
+from tiltcal.diagnosis.conclusions.one_recording import beside_drawn_anew
 from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.instants import instants
-from tiltcal.diagnosis.search.name_probabilities import Names
+from tiltcal.diagnosis.search.candidates import Names
 from tiltcal.effects import CATALOGUE
-from tiltcal.effects.events import as_met, same_recording
+from tiltcal.effects.events import active_in, same_recording
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 
@@ -114,10 +114,10 @@ def test_step_in_the_second_recording_is_not_met_by_the_first(before):
     assert finding.where.interval[0] == pytest.approx(60, abs=2)
     amended = parse_scenario(answer.amended)
     (step,) = (e for e in amended.effects if e.id == "acc_bias_step")
-    assert as_met([step], before.fingerprint) == []
-    assert as_met([step], after.fingerprint) == [step]
+    assert active_in([step], before.fingerprint) == []
+    assert active_in([step], after.fingerprint) == [step]
     later = recorded(5)
-    assert as_met([step], later.fingerprint)[0].value("time") < 0
+    assert active_in([step], later.fingerprint)[0].value("time") < 0
     sensor = amended.named("accel")
     change = [
         LABORATORY.predict(amended, r).sensor(sensor).values[-1, 1]

@@ -10,7 +10,7 @@ from tiltcal.diagnosis.data.block_grid import BlockGrid, Sampling
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.table_channels import TableObservations
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
-from tiltcal.diagnosis.model.column_block import Weighed
+from tiltcal.diagnosis.model.column_store import Weighed
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.effects.learned import LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.laboratory.laboratory import SimulatedLaboratory

@@ -16,8 +16,8 @@ from diagnosis_fixtures import (
 from statistics_helpers import rng_of
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.diagnosis.conclusions.calibration_notes import implausible
 from tiltcal.diagnosis.conclusions.finding import verdict_of
+from tiltcal.diagnosis.conclusions.statements import implausible
 from tiltcal.diagnosis.data.channels import repeat_chance
 from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.diagnosis.data_quality.inspection import LeftOut, by_recording, inspect

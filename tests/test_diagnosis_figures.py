@@ -12,18 +12,22 @@ from scipy.stats import binom, norm
 from statistics_helpers import FALSE_ALARM
 
 from tiltcal.diagnosis.conclusions.fit_figures import under_fixed_white, white_level
-from tiltcal.diagnosis.conclusions.nameless_findings import nameless_doubts, nameless_findings
-from tiltcal.diagnosis.conclusions.noise_variance import noise_dependences
+from tiltcal.diagnosis.conclusions.noise_figures import noise_dependences
+from tiltcal.diagnosis.conclusions.other_findings import nameless_doubts, nameless_findings
 from tiltcal.diagnosis.conclusions.statements import doubted
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation, slow_variations
-from tiltcal.diagnosis.search.claimed_causes import CLAIM
+from tiltcal.diagnosis.search.explained import CLAIM
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.statistics.cosine_transform import cosines, quick_length
-from tiltcal.statistics.noise_spectrum import NoiseFit, estimate_noise, white_noise
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import (
+    NoiseFit,
+    WhiteFlickerWalk,
+    estimate_noise,
+    white_noise,
+)
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 400.0}
 WHITE, RATE = 25.0, 10.0
@@ -204,7 +208,6 @@ def test_a_static_record_in_the_wrong_unit_is_repaired_as_the_recording_is():
     assert found.after.chi2_per_dof == pytest.approx(1, abs=0.15)
 
 
-@pytest.mark.slow
 def test_a_noise_model_from_outside_is_reported_by_its_own_amplitudes():
     truth = bench()
     found = diagnose(honest(truth), [recorded(truth, 4)], noise=AutoRegressive2)
@@ -214,7 +217,6 @@ def test_a_noise_model_from_outside_is_reported_by_its_own_amplitudes():
         assert channel["white"]["low"] < WHITE < channel["white"]["high"] * 1.05
 
 
-@pytest.mark.slow
 def test_slow_variation_beyond_any_grade_is_a_finding(walking):
     """That of the worst grades is none."""
     assert (walking.verdict, walking.findings) == ("match", ())

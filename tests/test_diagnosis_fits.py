@@ -18,8 +18,8 @@ from tiltcal.diagnosis.hypotheses.instants import Instant
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.best_shape import refined
 from tiltcal.diagnosis.search.dictionary import build_dictionary
-from tiltcal.diagnosis.search.shape_refinement import refined
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines

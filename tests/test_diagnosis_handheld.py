@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from statistics_helpers import rng_of
 
 from tiltcal.core.assets import folder
-from tiltcal.diagnosis.data.handheld_rests import (
+from tiltcal.diagnosis.data.handheld_recording import (
     KEPT_AT_REST,
     condensed,
     direction_polynomials,
@@ -28,7 +28,7 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.curves import lags_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
-from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
+from tiltcal.diagnosis.search.best_shape import normalise_tone_phase
 from tiltcal.effects import make_effect
 from tiltcal.effects.hysteresis_and_lag import LAGS, first_order_lag
 from tiltcal.effects.learned import LearnedReading
@@ -36,8 +36,7 @@ from tiltcal.forward.gravity_transport import GravityTransport, Windows, turns_b
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.statistics.noise_spectrum import NoiseFit
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import NoiseFit, WhiteFlickerWalk
 
 G = 9.80123
 TRIADS = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml")
@@ -391,7 +390,6 @@ HEATED = parse_scenario(
 )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("late", "step"), [(True, 4.0), (False, 1.0)], ids=["late", "bent"])
 def test_only_what_no_curve_over_temperature_does_is_called_late(late, step):
     """A triad at rest through a cycle of two hours, read every so many seconds: bias by a bent law

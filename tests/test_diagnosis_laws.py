@@ -156,7 +156,6 @@ def test_the_same_input_gives_the_same_answer_whoever_was_diagnosed_before(known
     assert replace(again, views=()).to_json() == replace(found, views=()).to_json()
 
 
-@pytest.mark.slow
 def test_a_floor_that_comes_to_rest_is_one_number_and_a_time_constant():
     """And not the heat of a drive, which also grows to a level."""
     truth = bench(sensor="incl", table="vertical")
@@ -173,7 +172,6 @@ def test_a_floor_that_comes_to_rest_is_one_number_and_a_time_constant():
     assert law["lag_s"] == pytest.approx(80.0, rel=0.2)
 
 
-@pytest.mark.slow
 def test_a_hysteresis_has_its_name_beside_plays_of_the_force():
     truth = bench({"id": "acc_hysteresis", "sensor": "accel", "hysteresis_x_ug": -90.0})
     (only,) = diagnose(honest(truth), [recorded(truth, 3)]).findings

@@ -8,7 +8,7 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
-from tiltcal.diagnosis.search.curve_resolution import RESOLUTIONS, resolutions
+from tiltcal.diagnosis.search.best_shape import RESOLUTIONS, resolutions
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.laboratory.scenario import parse_scenario
 

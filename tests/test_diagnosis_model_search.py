@@ -1,4 +1,4 @@
-"""The search for the most probable model, what its causes may be, and which are believed."""
+"""The search for the most probable model, what its causes may be, and which are select_claims."""
 
 from dataclasses import replace
 
@@ -13,24 +13,23 @@ from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, with_values
 from tiltcal.diagnosis.hypotheses.priors import EXPECTED_CAUSES, UNLISTED, log_priors
 from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of
-from tiltcal.diagnosis.model.column_products import ColumnProducts
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.search import model_search
-from tiltcal.diagnosis.search.claimed_causes import (
+from tiltcal.diagnosis.search.best_shape import normalise_tone_phase
+from tiltcal.diagnosis.search.dictionary import build_dictionary
+from tiltcal.diagnosis.search.explained import (
     CLAIM,
     _without,
-    believed,
     probability_of,
+    select_claims,
 )
-from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explanation import explain
 from tiltcal.diagnosis.search.model_search import _exchanged, most_probable
 from tiltcal.diagnosis.search.names import named
 from tiltcal.diagnosis.search.proposals import proposals
-from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
+from tiltcal.diagnosis.search.scan import ColumnProducts, Scan
 from tiltcal.diagnosis.search.state import (
     Cause,
     Proposal,
@@ -253,7 +252,7 @@ def test_a_search_that_comes_back_to_its_causes_ends(monkeypatch, square):
     monkeypatch.setattr(model_search, "_each_exchanged", lambda now, *_: now)
     monkeypatch.setattr(model_search, "_with_one_more", lambda now, *_: now)
     monkeypatch.setattr(model_search, "_merged", merged)
-    assert model_search.improved(state).cost == pytest.approx(state.cost - 2.0)
+    assert model_search.local_search(state).cost == pytest.approx(state.cost - 2.0)
     assert len(steps) == 2
 
 
@@ -328,7 +327,7 @@ def test_identical_columns_under_two_names_share_the_probability_by_their_priors
     whitened = found.whitened.alone([first, second, *others], found.start.effects)
     state = most_probable(found.start, whitened, NOISE_SOURCE)
     _, (names,) = named(state, Scan(state.whitened))
-    # a law that no list has, of which they explain a share, is a little of each
+    # a cause outside the catalogue, of which they explain a share, is a little of each
     listed = 1 - names.probability[UNLISTED]
     assert 0.9 < listed < 1
     assert names.probability[second.id] == pytest.approx(share * listed, abs=0.02)
@@ -353,21 +352,21 @@ def test_a_cause_that_the_noise_explains_as_well_is_not_believed():
     effect = CATALOGUE["acc_drift"]({"drift_x": 1e-3}, "accel", None, "found")
     drift = Hypothesis(effect, ("drift_x",))
     both = stated(found, drift, square)
-    left, (chance,), _ = believed(both, NOISE_SOURCE)
+    left, (chance,), _ = select_claims(both, NOISE_SOURCE)
     assert ids(left) == ["acc_K2"]
     assert chance > CLAIM
     sound = NoiseFit.known(white_noise(25e-6 * 9.81 * np.sqrt(5.0)))
     white = NoiseSource((sound,) * len(found.observations.channels), 100)
-    kept, *_ = believed(repriced(both, white.left_by(both.fitted, both.whitened)), white)
+    kept, *_ = select_claims(repriced(both, white.left_by(both.fitted, both.whitened)), white)
     assert ids(kept) == ["acc_drift", "acc_K2"]
 
 
 def test_what_is_believed_is_probable_enough(square):
     _, state = square
-    left, chances, _ = believed(state, NOISE_SOURCE)
+    left, chances, _ = select_claims(state, NOISE_SOURCE)
     assert ids(left) == ids(state)
     assert all(CLAIM <= chance <= 1.0 for chance in chances)
-    nothing, none, _ = believed(without(state, 0), NOISE_SOURCE)
+    nothing, none, _ = select_claims(without(state, 0), NOISE_SOURCE)
     assert (nothing.fitted.terms, none) == ((), ())
 
 

@@ -8,12 +8,16 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.stats import gamma
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.residual_checks.moving_tones import LENGTHS, likeliest_ridge
-from tiltcal.diagnosis.residual_checks.oscillations import EXCESS, equalised, log_excess_of_sums
-from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED
+from tiltcal.diagnosis.residual_checks.oscillations import (
+    EXCESS,
+    LENGTHS,
+    equalised,
+    likeliest_ridge,
+    log_excess_of_sums,
+)
+from tiltcal.diagnosis.search.explained import CLAIM, DOUBTED
 from tiltcal.statistics.cosine_transform import cosines
-from tiltcal.statistics.noise_spectrum import estimate_noise
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import WhiteFlickerWalk, estimate_noise
 
 WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample, m/s2
 CLAIMED, TOLD = (np.log(p / (1 - p) / 0.125 * 3) for p in (CLAIM, DOUBTED))
@@ -95,7 +99,6 @@ def test_a_tone_that_follows_something_is_told_with_its_frequencies(name, slope,
     assert ridge.high * 25.0 == pytest.approx(high, abs=0.6)
 
 
-@pytest.mark.slow
 def test_a_tone_that_slides_with_the_input_is_a_finding_without_a_name():
     whole = recorded(bench(), 6)
     force = whole.column("accel_x_m_s2")

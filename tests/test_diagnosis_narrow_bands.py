@@ -8,9 +8,8 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.stats import f as f_distribution
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.residual_checks.narrow_bands import _likeliest, log_excess
-from tiltcal.diagnosis.residual_checks.oscillations import EXCESS
-from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED
+from tiltcal.diagnosis.residual_checks.oscillations import EXCESS, _likeliest, log_excess
+from tiltcal.diagnosis.search.explained import CLAIM, DOUBTED
 from tiltcal.statistics.cosine_transform import cosines
 
 WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample, m/s2
@@ -83,7 +82,6 @@ def test_bands_of_coloured_noise_are_not_looked_at(rng):
     assert _likeliest(left, coloured)[3] < TOLD
 
 
-@pytest.mark.slow
 def test_a_table_that_hunts_is_a_finding_without_a_name(rng):
     whole = recorded(bench(), 6)
     x = whole.column("accel_x_m_s2") + hunting(whole.time, rng, 0.5 * WHITE, keeps=4.0)

@@ -12,8 +12,7 @@ from statistics_helpers import FALSE_ALARM, mean_band, variance_band
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.statistics.cosine_transform import cosines
-from tiltcal.statistics.noise_spectrum import NoiseFit, estimate_noise
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import NoiseFit, WhiteFlickerWalk, estimate_noise
 
 CONSTANT = cosines(np.ones(2000))[:, None]
 
@@ -117,7 +116,6 @@ def cosines_of(columns):
     return np.column_stack([cosines(c) for c in columns.T])
 
 
-@pytest.mark.slow
 def test_a_random_walk_alone_is_no_finding_but_would_be_if_all_noise_were_taken_for_white(
     monkeypatch,
 ):

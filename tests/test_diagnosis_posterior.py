@@ -18,28 +18,29 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED_SHARE, log_priors
-from tiltcal.diagnosis.model.bayes_factors import ENERGIES, SIZES, any_of, log_bayes_factor
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.noise_prior import noise_price
 from tiltcal.diagnosis.model.normal_equations import normal_equations
 from tiltcal.diagnosis.model.refitting import PRIOR, log_det_information, refit
-from tiltcal.diagnosis.model.score_test import SURVIVES
+from tiltcal.diagnosis.model.score_test import ENERGIES, SIZES, SURVIVES, any_of, log_bayes_factor
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.column_selection import ColumnSelection
+from tiltcal.diagnosis.search.candidates import (
+    Candidate,
+    _is_again,
+    imitation_odds,
+    name_probabilities,
+    partial_matches,
+)
+from tiltcal.diagnosis.search.column_selection import ColumnSelection, NumberEvidence
 from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explanation import explain, explanation_of
 from tiltcal.diagnosis.search.local_level import level_beside, local_level
-from tiltcal.diagnosis.search.name_probabilities import Row, imitation_odds, name_probabilities
-from tiltcal.diagnosis.search.number_evidence import NumberEvidence
-from tiltcal.diagnosis.search.rows_in_place import _is_again
-from tiltcal.diagnosis.search.rows_without_name import imitated
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import State
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.spans import SpectralLines
-from tiltcal.statistics.noise_spectrum import NoiseFit
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import NoiseFit, WhiteFlickerWalk
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
 
@@ -148,11 +149,11 @@ def test_a_name_that_is_in_the_model_twice_is_doubted():
     listed laws 2.4 % are twice: 0.25 0.15 0.27 to 0.75 0.024, 9 to 16.
     """
     rows = [
-        Row("acc_warmup", 40.0, 45.0, 45.0, 100.0),
-        Row("acc_temp_bias", 30.0, 35.0, 35.0, 80.0),
+        Candidate("acc_warmup", 40.0, 45.0, 45.0, 100.0),
+        Candidate("acc_temp_bias", 30.0, 35.0, 35.0, 80.0),
     ]
-    once = list(imitated(rows, 500, again=False))
-    twice = list(imitated(rows, 500, again=True))
+    once = list(partial_matches(rows, 500, again=False))
+    twice = list(partial_matches(rows, 500, again=True))
     assert [r.name for r in twice] == ["unlisted", "unlisted"]
     assert np.exp(twice[0].score - 40.0) == pytest.approx(9 / 16)
     assert once[0].score < twice[0].score
@@ -451,7 +452,7 @@ def test_what_is_no_line_has_no_level(square):
 def test_a_class_holds_the_cause_with_nine_tenths(probabilities, alike, in_doubt):
     """The fewest names that do, beside those that explain as much as the first: ``near``."""
     rows = [
-        Row(name, float(np.log(p)), *2 * (0.0 if name == "near" else -100.0 * k,), 0.0)
+        Candidate(name, float(np.log(p)), *2 * (0.0 if name == "near" else -100.0 * k,), 0.0)
         for k, (name, p) in enumerate(probabilities.items())
     ]
     names = name_probabilities(rows)
@@ -468,17 +469,17 @@ def test_a_name_that_explains_as_much_only_where_it_deviates_is_no_equal(first, 
     """Of a law in its textbook form; of one that deviates itself it is. Evidence of 20 nats is that
     of the deviations.
     """
-    likely = Row("a", 95.0, 100.0, 100.0, 200.0, deviation=first)
-    less = Row("b", 91.0, 96.0, 96.0, 200.0, deviation=other)
+    likely = Candidate("a", 95.0, 100.0, 100.0, 200.0, deviation=first)
+    less = Candidate("b", 91.0, 96.0, 96.0, 200.0, deviation=other)
     assert name_probabilities([likely, less]).alike == alike
 
 
 def test_a_textbook_form_that_fits_as_well_is_in_the_class_however_many_sizes_it_takes():
     """Two more sizes cost 20 nats of evidence and no fit; a curve that fits better has no form."""
-    likely = Row("a", 95.0, 100.0, 100.0, 200.0, textbook_gain=200.0)
-    more = Row("b", 75.0, 80.0, 80.0, 200.2, textbook_gain=200.2)
-    worse = Row("c", 75.0, 80.0, 80.0, 187.8, textbook_gain=187.8)
-    curve = Row("d", 75.0, 80.0, 80.0, 220.0)
+    likely = Candidate("a", 95.0, 100.0, 100.0, 200.0, textbook_gain=200.0)
+    more = Candidate("b", 75.0, 80.0, 80.0, 200.2, textbook_gain=200.2)
+    worse = Candidate("c", 75.0, 80.0, 80.0, 187.8, textbook_gain=187.8)
+    curve = Candidate("d", 75.0, 80.0, 80.0, 220.0)
     names = name_probabilities([likely, more, worse, curve])
     assert set(names.alike) == {"a", "b"}
     assert {n: s for n, _, s in names.rivals} == pytest.approx({"b": 0.0, "c": 12.2, "d": 40.0})
@@ -515,7 +516,7 @@ def test_a_size_is_plausible_up_to_its_widest_prior():
 )
 def test_beside_a_law_that_no_list_has_stand_the_names_of_nine_tenths(probabilities, perhaps):
     rows = [
-        Row(name, float(np.log(p)), -100.0 * k, -100.0 * k, 0.0)
+        Candidate(name, float(np.log(p)), -100.0 * k, -100.0 * k, 0.0)
         for k, (name, p) in enumerate(probabilities.items())
     ]
     names = name_probabilities(rows)

@@ -14,8 +14,13 @@ from statistics_helpers import mean_band
 from tiltcal.core.frames import rotation
 from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.residual_checks.cross_prediction import CrossPrediction, Place, log_factor
-from tiltcal.diagnosis.residual_checks.random_motion import Octave, _factor
+from tiltcal.diagnosis.residual_checks.random_motion import (
+    CrossPrediction,
+    MotionSource,
+    Octave,
+    _factor,
+    log_factor,
+)
 
 ROWS, RATE = 6000, 20.0
 
@@ -34,7 +39,7 @@ def said_of(noise: np.ndarray, columns: np.ndarray) -> list[Octave]:
             for k, left in enumerate(noise)
         }
     )
-    factors = found.evidence(Place("base", "environment", (dict(enumerate(columns)),)))
+    factors = found.evidence(MotionSource("base", "environment", (dict(enumerate(columns)),)))
     ends = [(found.frequency(low), found.frequency(high)) for low, high in found.octaves]
     return [Octave(low, high, each) for (low, high), each in zip(ends, factors, strict=True)]
 
@@ -114,7 +119,6 @@ def test_a_sway_is_seen_in_its_octave(rng):
     assert max(octave.high for octave in used) < 1.3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("moves", [True, False], ids=["the base", "each channel by itself"])
 def test_a_base_that_sways_at_random_is_a_finding_without_a_name(moves, rng):
     """A sway of 12 arcsec about both axes of the room, turned into the body by hand; or as much

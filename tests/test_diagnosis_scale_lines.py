@@ -9,7 +9,7 @@ from test_hand_motion import scenario, turned
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.lines.lines_in_coefficients import scales_of
+from tiltcal.diagnosis.lines.spectral_lines import scales_of
 
 EVERY = 10  # samples, 0.2 s
 

@@ -11,7 +11,7 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.hypothesis import (
-    CREEPS,
+    CREEP_TIMES_S,
     listed_hypotheses,
     step_hypotheses,
     steps_at,
@@ -31,7 +31,7 @@ SPAN = CoordinateRanges(
 
 def test_every_step_may_set_in_at_once_or_creep():
     found = [s for s in steps_at(honest(bench()), Instant(50.0)) if s.id == "acc_bias_step"]
-    assert sorted(s.effect.values.get("creep", 0.0) for s in found) == [0.0, *CREEPS]
+    assert sorted(s.effect.values.get("creep", 0.0) for s in found) == [0.0, *CREEP_TIMES_S]
     assert all(s.effect.values["time"] == 50.0 for s in found)
 
 

@@ -219,7 +219,6 @@ def test_a_table_over_temperature_is_a_line_over_temperature():
     assert wave.period == pytest.approx(TABLE_STEP, rel=TABLE_STEP / span / 2)  # half a line
 
 
-@pytest.mark.slow
 def test_a_table_over_temperature_is_a_finding_without_a_name():
     truth = bench(swing_degC=2.0, period_s=600.0)
     found = diagnose(honest(truth), [with_compensation_table(truth, 4)])
@@ -256,7 +255,6 @@ def test_what_a_turning_motor_puts_into_a_reading_is_a_line_over_its_angle(of, l
     assert wave.period == pytest.approx(2 * np.pi / lines)
 
 
-@pytest.mark.slow
 def test_the_pick_up_of_a_turning_motor_is_a_finding_without_a_name():
     truth = bench()
     found = diagnose(honest(truth), [with_pick_up(truth, 4)])
@@ -266,7 +264,6 @@ def test_the_pick_up_of_a_turning_motor_is_a_finding_without_a_name():
     )
 
 
-@pytest.mark.slow
 def test_an_error_periodic_in_the_reading_is_a_finding_without_a_name():
     truth = bench()
     found = diagnose(honest(truth), [with_wave_over_input(truth, 4)])
@@ -346,7 +343,6 @@ def with_overtones(rate_hz, frequency, second, third):
     return honest(truth), Recording.from_columns(whole.time, columns)
 
 
-@pytest.mark.slow
 def test_a_cycle_that_is_no_sinusoid_and_no_alias_of_a_grid_has_no_name():
     scenario, recording = with_overtones(25.0, 3.1, 0.5, 0.3)
     found = diagnose(scenario, [recording])
@@ -354,7 +350,6 @@ def test_a_cycle_that_is_no_sinusoid_and_no_alias_of_a_grid_has_no_name():
     assert "accel y that follows time, with a period of 0.323 s" in found.statement
 
 
-@pytest.mark.slow
 def test_overtones_at_the_alias_of_a_grid_are_of_the_mains():
     """At 26 Hz 50 Hz shows at 2 Hz."""
     scenario, recording = with_overtones(26.0, 2.0, 0.0, 0.2)

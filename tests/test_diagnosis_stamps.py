@@ -6,7 +6,7 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.lines.lines_in_coefficients import late_of
+from tiltcal.diagnosis.lines.spectral_lines import late_of
 from tiltcal.laboratory.scenario import parse_scenario
 
 EVERY = 7.3  # s
@@ -64,7 +64,9 @@ def test_stamps_that_are_right_have_no_such_line():
     assert late_of(found.observations, found.start) == ()
 
 
-@pytest.mark.parametrize(("course", "rate_hz"), [(saw, 12.0), (wandering, 25.0)])
+@pytest.mark.parametrize(
+    ("course", "rate_hz"), [pytest.param(saw, 12.0, marks=pytest.mark.long), (wandering, 25.0)]
+)
 def test_stamps_that_are_late_by_no_law_are_a_finding_at_the_stamps(course, rate_hz):
     scenario, read = late_by(course, rate_hz)
     found = diagnose(honest(scenario), [read])

@@ -23,11 +23,10 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.channel_noise import noise_under, noise_within_stops
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit
-from tiltcal.diagnosis.search.random_settings import WIDTHS, common_width, lawful
+from tiltcal.diagnosis.search.random_settings import WIDTHS, common_width, is_systematic
 from tiltcal.effects import CATALOGUE
 from tiltcal.statistics.cosine_transform import cosines
-from tiltcal.statistics.noise_spectrum import NoiseFit
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import NoiseFit, WhiteFlickerWalk
 
 ARCSEC = np.radians(1 / 3600)
 INDEX = {"id": "table_index_error", "axis": "outer", "sigma_arcsec": 60.0}
@@ -152,13 +151,15 @@ def test_random_settings_follow_nothing_and_a_law_of_an_angle_or_the_past_is_not
     variances = np.full(30, ARCSEC**2)
     angles = {"outer": angle, "inner": other}
     noise = rng.normal(0.0, ARCSEC, 30)
-    assert not lawful(independent(rng.normal(0.0, 20 * ARCSEC, 30) + noise, variances), angles)
+    assert not is_systematic(
+        independent(rng.normal(0.0, 20 * ARCSEC, 30) + noise, variances), angles
+    )
     steep = 20 * ARCSEC * np.tanh((angle - 0.3) / 0.2)
-    assert lawful(independent(steep + noise, variances), angles)
+    assert is_systematic(independent(steep + noise, variances), angles)
     levels = rng.normal(0.0, 20 * ARCSEC, 6)
-    assert lawful(independent(np.repeat(levels, 5) + noise, variances), angles)
+    assert is_systematic(independent(np.repeat(levels, 5) + noise, variances), angles)
     lost = 6 * ARCSEC * np.cumsum(rng.random(30) < 0.3)  # counts, and they stay lost
-    assert lawful(independent(lost + noise, variances), angles)
+    assert is_systematic(independent(lost + noise, variances), angles)
 
 
 def test_settings_between_two_widths_of_the_prior_are_no_law(rng):
@@ -167,7 +168,7 @@ def test_settings_between_two_widths_of_the_prior_are_no_law(rng):
     angles = {"outer": np.radians(137.5 * k % 360), "inner": np.radians(222.5 * k % 360)}
     variances = np.full(31, ARCSEC**2)
     draws = rng.normal(0.0, np.sqrt(11.0**2 + 1.0) * ARCSEC, (300, 31))
-    found = [lawful(independent(rotations, variances), angles) for rotations in draws]
+    found = [is_systematic(independent(rotations, variances), angles) for rotations in draws]
     assert sum(found) <= binom.ppf(1 - FALSE_ALARM, 300, 1 / 3)
 
 

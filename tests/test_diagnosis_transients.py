@@ -14,7 +14,7 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import step_hypotheses
 from tiltcal.diagnosis.hypotheses.instants import Instant
-from tiltcal.diagnosis.lines.transients import Course, _chosen, _powers, transients
+from tiltcal.diagnosis.lines.transients import ResidualCourse, _chosen, _powers, transients
 from tiltcal.diagnosis.search.scan import Scan
 
 WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample, m/s2
@@ -61,7 +61,7 @@ def test_gross_values_side_by_side_are_no_transient(rng):
     time = np.arange(2000) * 0.1
     left = 0.2 * rng.standard_normal(2000)
     left[500:502] = 30.0
-    course = Course(0.5, 1.5)
+    course = ResidualCourse(0.5, 1.5)
     values, peak = course.sampled(0.1)
     left[1500 - peak : 1500 - peak + len(values)] += 2 * values
     (power,) = _powers(dct(left, norm="ortho"), np.ones(2000), time, [course])
@@ -87,7 +87,7 @@ def test_the_price_of_instants_is_that_of_choosing_them():
     """Of 200 places of 1 s one costs log 200, two log(200 199 / 2); each size 2 nats."""
     power = np.zeros(2001)
     power[[500, 1500]] = 60.0, 40.0
-    course = Course(1.0, 3.0)
+    course = ResidualCourse(1.0, 3.0)
     rows, worth, price = _chosen(power, np.arange(2001) / 10, course)
     assert rows.tolist() == [500, 1500]
     assert price == pytest.approx(np.log(200 * 199 / 2))
@@ -104,7 +104,6 @@ def test_transients_complete_no_step():
     assert not any(completes(t, step) for t in found for step in steps)
 
 
-@pytest.mark.slow
 def test_knocks_are_an_addition_at_their_instants():
     """Of the instants that were looked at those that explain nothing beside the others are out."""
     found = diagnose(honest(bench()), [knocked(KNOCKS, 3.0)])
@@ -114,7 +113,6 @@ def test_knocks_are_an_addition_at_their_instants():
     assert re.search(told, found.statement)
 
 
-@pytest.mark.slow
 def test_a_knock_is_an_addition_over_time_that_no_other_recording_repeats():
     found = diagnose(honest(bench()), [knocked([BEGIN], 4.0, 2.0)])
     assert found.verdict == "unlisted"

@@ -8,7 +8,7 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.stats import norm
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.residual_checks.sectors_and_cycles import (
+from tiltcal.diagnosis.residual_checks.varying_noise import (
     SECTORS,
     SIZES,
     likeliest_cycle,
@@ -16,7 +16,7 @@ from tiltcal.diagnosis.residual_checks.sectors_and_cycles import (
     noisy_sectors,
     parts_agree,
 )
-from tiltcal.diagnosis.search.claimed_causes import DOUBTED
+from tiltcal.diagnosis.search.explained import DOUBTED
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
 
@@ -100,7 +100,6 @@ def turned():
     return honest(truth), recorded(truth, 4)
 
 
-@pytest.mark.slow
 def test_noise_of_a_sector_is_noted(rng):
     """Of eight turns, each at another rate: what follows the angle is no cycle."""
     turns = [
@@ -118,7 +117,6 @@ def test_noise_of_a_sector_is_noted(rng):
     assert "deg of the outer angle as elsewhere" in " ".join(notes_of(found))
 
 
-@pytest.mark.slow
 def test_noise_of_a_cycle_is_noted(turned, rng):
     scenario, whole = turned
     noisy = np.where(whole.time % 9.1 < 3.0, 1.8, 1.0)
@@ -129,7 +127,6 @@ def test_noise_of_a_cycle_is_noted(turned, rng):
     assert float(period) == pytest.approx(9.1, rel=0.01)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["moving", "settling", "bursts"])
 def test_noise_of_motion_and_bursts_is_none(turned, kind, rng):
     scenario, whole = turned
@@ -151,7 +148,6 @@ def test_fewer_rows_than_parts_say_nothing():
     assert likeliest_cycle(np.arange(12.0), np.ones(12)) == (0.0, -np.inf)
 
 
-@pytest.mark.slow
 def test_noise_of_a_temperature_that_swings_is_no_cycle(rng):
     """It grows sixfold with the temperature: the swing and its harmonics are in the noise."""
     truth = bench(table="vertical", sensor="incl", swing_degC=3.0, period_s=21.0)

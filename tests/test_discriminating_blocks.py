@@ -16,18 +16,21 @@ from tiltcal.design.recording_blocks import Block, TableLimits, candidates, said
 from tiltcal.diagnosis.investigation.discriminating_blocks import (
     ENOUGH,
     Pair,
+    blank,
+    come_to,
+    imagined,
     judged,
+    last_sides,
     propose,
     separations,
 )
-from tiltcal.diagnosis.investigation.imagined_recordings import blank, come_to, imagined, last_sides
 from tiltcal.diagnosis.investigation.next_block import Limits, next_block, table_of
 from tiltcal.diagnosis.investigation.rival_hypotheses import Question, questions
 from tiltcal.effects import to_file
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, fresh, parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 
 UP = [{"action": "move", "outer_deg": float(a), "dwell_s": 2.0} for a in range(0, 91, 10)]

@@ -14,7 +14,6 @@ from docs_examples import PAGES, ROOT, examples_of
 PICTURE = re.compile(r"!\[[^\]]+\]\(pictures/([^)]+)\)")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_every_example_prints_what_the_page_says(page):
     for example in examples_of(page):
@@ -28,7 +27,7 @@ def test_every_page_begins_with_what_the_reader_can_do_after_it(page):
     assert text.strip().startswith("After this page you")
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [*PAGES, *sorted(ROOT.glob("*.md"))], ids=lambda page: page.stem)
 def test_every_link_leads_somewhere(page):
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\((?!https?:|pictures/)([^)#]+)(?:#[^)]*)?\)", text):
@@ -62,7 +61,7 @@ def test_every_picture_is_one_that_the_build_draws(monkeypatch):
     assert shown == set(PICTURES)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_site_is_built_without_warnings_and_loads_nothing_from_other_hosts(tmp_path):
     program = Path(sys.executable).parent / "mkdocs"
     words = [program, "build", "--strict", "--quiet", "--site-dir", tmp_path]

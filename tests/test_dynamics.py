@@ -17,7 +17,7 @@ from tiltcal.forward.kinematics import closed_form, true_angles
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.setup.tables import BUILT_IN
 from tiltcal.setup.trajectory import Jet
-from tiltsim import build, log
+from tiltsim import build
 from tiltsim import dynamics as module
 from tiltsim.dynamics import DynamicCourse, run_dynamics
 from tiltsim.laboratory import MujocoLaboratory
@@ -276,7 +276,7 @@ def test_readings_on_the_move_are_the_second_derivative_of_where_the_sensor_was(
 def test_between_two_rows_the_log_is_a_curve_with_its_own_derivatives(rng):
     poly = np.polynomial.Polynomial(rng.normal(size=6))
     start, end = (Jet(*(np.array([[poly.deriv(k)(t)]]) for k in range(3))) for t in (0.0, 0.7))
-    got = log._quintic(start, end, np.array([[0.7]]), np.array([[0.3]]))
+    got = module._quintic(start, end, np.array([[0.7]]), np.array([[0.3]]))
     assert [got.x[0, 0], got.v[0, 0], got.a[0, 0]] == pytest.approx(
         [poly(0.3), poly.deriv()(0.3), poly.deriv(2)(0.3)]
     )

@@ -208,8 +208,8 @@ def test_wording_is_plain(cls):
 
 @EVERY
 def test_twins_are_told_apart_by_a_block_or_a_phrase_said_once(cls):
-    for other, words in cls.told_apart_by.items():
-        assert cls.id not in CATALOGUE[other].told_apart_by
+    for other, words in cls.distinguished_by.items():
+        assert cls.id not in CATALOGUE[other].distinguished_by
         assert words in WORDS or (" " in words and not words.endswith("."))
 
 

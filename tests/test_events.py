@@ -6,7 +6,7 @@ from builders import ACCEL, read_poses, setup_of, still
 
 from tiltcal.core.units import G0
 from tiltcal.effects import make_effect
-from tiltcal.effects.events import afterwards, as_met
+from tiltcal.effects.events import active_in, afterwards
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 
@@ -23,14 +23,14 @@ def test_what_was_seen_nowhere_in_particular_or_here_is_met_as_it_is():
         event("acc_bias", None, bias_x_ug=5),
         event("acc_bias_step", bias_step_x_ug=5, time_s=20),
     )
-    assert as_met([always, here], "first") == [always, here]
+    assert active_in([always, here], "first") == [always, here]
 
 
 def test_a_step_has_been_made_before_another_recording_starts():
     step = event("acc_bias_step", bias_step_x_ug=100, time_s=20)
     drive = still(SETUP, outer=np.zeros(30))
     first, second = (
-        read_poses(SETUP, drive, *as_met([step], name))["accel"][:, 0]
+        read_poses(SETUP, drive, *active_in([step], name))["accel"][:, 0]
         for name in ("first", "second")
     )
     np.testing.assert_allclose(first, 1e-4 * G0 * (np.arange(30) >= 20), atol=1e-14)
@@ -48,7 +48,7 @@ def test_a_creep_stays_where_it_ended():
     )
     drive = still(SETUP, outer=np.zeros(30))
     first, second = (
-        read_poses(SETUP, drive, *as_met([creep], name))["accel"][:, 0]
+        read_poses(SETUP, drive, *active_in([creep], name))["accel"][:, 0]
         for name in ("first", "second")
     )
     np.testing.assert_allclose(first, np.minimum(np.arange(30) / 10, 2.0), atol=1e-12)
@@ -65,13 +65,13 @@ def test_a_creep_stays_where_it_ended():
 )
 def test_lost_samples_and_phases_leave_nothing(id, words):
     assert afterwards(event(id, **words)) is None
-    assert as_met([event(id, **words)], "second") == []
+    assert active_in([event(id, **words)], "second") == []
 
 
 def test_what_has_no_instant_is_there_in_every_recording():
     bias = event("acc_bias", bias_x_ug=5)
     assert afterwards(bias) == bias
-    assert as_met([bias], "second") == [bias]
+    assert active_in([bias], "second") == [bias]
 
 
 def test_a_prediction_meets_the_event_of_its_own_recording_and_the_after_state_in_another():

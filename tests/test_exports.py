@@ -22,7 +22,7 @@ from tiltcal.recordings.formats.mcap_writer import write_mcap
 from tiltcal.recordings.mapping import parse_mapping
 from tiltcal.recordings.proposal.propose import propose_mapping
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 SETUP = setup_of("dual", ACCEL, GYRO)
 BIAS = {"accel": (0.031, -0.112, 0.204), "gyro": (0.011, -0.007, 0.0023)}
@@ -121,7 +121,6 @@ def at_rest(path, rng, n=120_000):
     return path
 
 
-@pytest.mark.slow
 def test_kalibr_and_sdf_get_the_noise_that_is_there(rng, tmp_path, capsys):
     path = at_rest(tmp_path / "rest.parquet", rng)
     assert main(["export", str(path), "--format", "kalibr", "-o", str(tmp_path / "imu.yaml")]) == 0

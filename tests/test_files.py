@@ -11,7 +11,7 @@ from tiltcal.core import assets
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, replacing, require_file, write_json, write_text
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 
 def names(folder):
@@ -75,7 +75,8 @@ def test_a_failure_on_the_way_leaves_the_old_file_and_nothing_else(tmp_path):
 def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path):
     with (
         pytest.raises(
-            TiltcalError, match="found no space left on device, need room and permission to write"
+            TiltcalError,
+            match="found no space left on device, need free space and permission to write",
         ),
         replacing(tmp_path / "a.csv"),
     ):
@@ -124,7 +125,7 @@ def test_folders_are_made_with_their_parents_unless_a_file_is_in_the_way(tmp_pat
     assert make_folder(tmp_path / "a" / "b").is_dir()
     (tmp_path / "file").touch()
     with pytest.raises(
-        TiltcalError, match="found file exists, need a folder; choose another place"
+        TiltcalError, match="found file exists, need a folder; choose another location"
     ):
         make_folder(tmp_path / "file")
 

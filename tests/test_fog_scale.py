@@ -39,7 +39,6 @@ def test_the_figures_of_the_bound_are_those_worked_by_hand():
     assert pytest.approx(82.6e-6, abs=0.3e-6) == BOUND
 
 
-@pytest.mark.slow
 def test_the_augmented_filter_is_at_its_bound_and_the_patent_s_claims_too_much():
     """82.6 ppm within five per cent, over 1000 seeds and three axes; the patent's filter errs as
     much and claims 64 ppm.
@@ -59,7 +58,6 @@ def test_the_augmented_filter_is_at_its_bound_and_the_patent_s_claims_too_much()
     assert claims == pytest.approx(PLAIN, rel=0.02)
 
 
-@pytest.mark.slow
 def test_variance_nees_and_coverage_lie_in_their_bands():
     """The batch twin, which equals the filter to rounding."""
     rng, draws = rng_of("field statistics"), draws_of(10_000)
@@ -148,7 +146,7 @@ def test_a_noiseless_log_gives_back_what_was_injected():
         assert found.value(name) == pytest.approx(value, abs=2e-6), name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_whole_method_is_consistent_over_seeds():
     total, dof, worst = 0.0, 0, []
     for seed in range(60):
@@ -193,7 +191,9 @@ def test_a_fog_along_one_axis_sees_only_that():
 def test_a_rest_that_is_too_short_is_named():
     found = calibrate("fog_scale", recorded(rest(4), turn("x"), turn("y"), turn("z")), SCENARIO)
     assert found.verdict == "suspect"
-    assert "need 10 s, better 20 s: rest again" in statement(found, "rest before the turns")
+    assert "need 10 s, better 20 s: stand still longer" in statement(
+        found, "standstill before the turns"
+    )
 
 
 def test_an_instrument_that_was_moved_during_its_rest_is_named():
@@ -206,7 +206,7 @@ def test_an_instrument_that_was_moved_during_its_rest_is_named():
     columns["fog_a_deg_h"] = columns["fog_a_deg_h"] + slow * 3600
     found = calibrate("fog_scale", Recording.from_columns(log.time, columns), SCENARIO)
     assert found.verdict == "suspect"
-    assert "moved during the rest from 0" in statement(found, "still while resting")
+    assert "moved during the standstill from 0" in statement(found, "still at standstill")
 
 
 def test_swapped_columns_are_named_where_the_fog_s_axis_can_tell_them():
@@ -259,9 +259,9 @@ def test_given_dwells_are_taken_and_missing_parts_are_refused_in_words():
     log = recorded(rest(), turn("x"), turn("y"), turn("z"))
     dwells = [s for s in find_segments(log) if s.kind == "dwell"]
     assert calibrate("fog_scale", log, SCENARIO, segments=dwells).verdict == "good"
-    with pytest.raises(TiltcalError, match="found no turn after a rest"):
+    with pytest.raises(TiltcalError, match="found no turn after a standstill"):
         calibrate("fog_scale", recorded(rest()), SCENARIO)
-    with pytest.raises(TiltcalError, match="found no rest, need a rest of 20 s"):
+    with pytest.raises(TiltcalError, match="found no standstill, need a standstill of 20 s"):
         calibrate(
             "fog_scale", log, SCENARIO, segments=[s for s in find_segments(log) if s.kind == "move"]
         )
@@ -274,7 +274,7 @@ def test_given_dwells_are_taken_and_missing_parts_are_refused_in_words():
 
 def test_attitude_after_a_turn_is_better_than_before_by_what_the_scale_was_wrong():
     found = calibrate("fog_scale", recorded(), SCENARIO)
-    from tiltcal.validation.gyro_accuracy import attitude_error
+    from tiltcal.validation.accuracy import attitude_error
 
     error = attitude_error(SCENARIO, SCENARIO.effects, found)
     assert error.before == pytest.approx(

@@ -23,7 +23,7 @@ from scipy import io
 from tiltcal.cli import main
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.foreign_files import import_file, import_recording
-from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.registry import read_raw
 from tiltcal.recordings.mapping import FileWords, parse_mapping
 from tiltcal.recordings.proposal.propose import propose_mapping
@@ -321,14 +321,14 @@ def test_an_mcap_file_that_expands_is_refused(indexed, tmp_path):
         writer.finish()
     assert (tmp_path / "a.mcap").stat().st_size < 100_000
     with pytest.raises(TiltcalError, match=r"found 0\.015 GB of values, need at most 0\.01 GB"):
-        read_raw(tmp_path / "a.mcap", FileWords(), Budget(0.01))
+        read_raw(tmp_path / "a.mcap", FileWords(), ReadBudget(0.01))
 
 
 @pytest.mark.parametrize("name", ["a.npz", "a.mat", "a.h5", "a.parquet", "a.bag", "a.tdms"])
 def test_more_than_the_budget_is_refused_before_it_is_read(name, tmp_path):
     MADE[name](tmp_path / name)
     with pytest.raises(TiltcalError, match=r"need at most 1e-06 GB; .* --memory-gb"):
-        read_raw(tmp_path / name, FileWords(), Budget(1e-6))
+        read_raw(tmp_path / name, FileWords(), ReadBudget(1e-6))
 
 
 def test_an_archive_that_states_more_than_it_holds_is_refused(tmp_path):
@@ -346,7 +346,7 @@ def test_a_small_file_that_expands_is_refused(tmp_path):
     parquet.write_table(table, tmp_path / "a.parquet")
     assert (tmp_path / "a.parquet").stat().st_size < 100_000
     with pytest.raises(TiltcalError, match=r"found 0\.048 GB of values, need at most 0\.01 GB"):
-        read_raw(tmp_path / "a.parquet", FileWords(), Budget(0.01))
+        read_raw(tmp_path / "a.parquet", FileWords(), ReadBudget(0.01))
 
 
 @pytest.mark.parametrize(

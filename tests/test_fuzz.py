@@ -24,14 +24,12 @@ def originals(tmp_path_factory):
     return make_originals(tmp_path_factory.mktemp("originals"))
 
 
-@pytest.mark.slow
 def test_no_mutated_input_breaks_a_rule(originals):
     found = list(outcomes(range(COUNT), lambda number: make_case(7, number, originals)))
     assert len(found) == COUNT
     assert [o.told for o in found if o.kind not in QUIET] == []
 
 
-@pytest.mark.slow
 def test_no_odd_value_of_an_option_of_a_method_breaks_a_rule(originals):
     cases = option_cases(originals, methods_only=True)
     found = list(outcomes(range(len(cases)), cases.__getitem__))

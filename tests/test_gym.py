@@ -16,7 +16,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.design.criteria import gain
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.gym.calibrations import Bench, Task
-from tiltcal.design.gym.policies import BASELINES, following, greedy, leaderboard, named, rollout
+from tiltcal.design.gym.policies import BASELINES, following, greedy, named, rollout
 from tiltcal.design.gym.spaces import DWELLS, action_of, menu, pose_of
 from tiltcal.design.gym.training import START, law, train
 from tiltcal.design.gym.wrappers import StepAngles, WithinAngles
@@ -176,12 +176,6 @@ def test_training_without_deep_learning_improves_on_where_it_began():
     began = rollout(law(START[None]), task)[0]
     assert rollout(trained, task)[0] == pytest.approx(max(trained.history), abs=1e-6)
     assert max(trained.history) > began + 0.5
-
-
-def test_the_leaderboard_has_a_row_for_each_and_for_those_that_are_added():
-    table = leaderboard({"short": Task(budget_s=120.0)}, {"mine": lambda task: named("six", task)})
-    assert [row[0] for row in table] == [*BASELINES, "mine"]
-    assert table[1][1] == table[-1][1]
 
 
 def test_wrappers_keep_a_table_to_its_steps_and_limits():

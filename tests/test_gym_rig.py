@@ -17,8 +17,8 @@ import tiltcal.design.gym
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG, G0
-from tiltcal.design.gym.axis_motion import AxisLimits, AxisMotion
 from tiltcal.design.gym.rig_environment import RigEnvironmentVector
+from tiltcal.design.gym.rigs import AxisLimits, AxisMotion
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario

@@ -54,7 +54,6 @@ def test_the_earth_s_rate_is_part_of_the_reference_and_missing_it_is_said():
     assert any("heading unknown" in w for w in calibrate("gyro_rates", quiet, unknown).warnings)
 
 
-@pytest.mark.slow
 def test_variance_nees_and_coverage_of_the_fit_lie_in_one_band():
     """Six steady rates and a rest, twelve parameters; the bound is the inverse of the information,
     worked by sums.
@@ -86,7 +85,7 @@ def test_variance_nees_and_coverage_of_the_fit_lie_in_one_band():
     assert np.all((inside >= low) & (inside <= high))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_whole_method_is_consistent_over_seeds():
     total, dof = 0.0, 0
     for seed in range(30):

@@ -9,7 +9,7 @@ from tiltcal.laboratory.handheld import predicted_readings
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.laboratory.smoothing import smoothed, stops_of, told_by_others
 from tiltcal.recordings.recording import Recording
-from tiltcal.statistics.penalised_spline import most_probable_course
+from tiltcal.statistics.splines import most_probable_course
 
 AXIS = np.array([1.0, 2.0, 2.0]) / 3
 GYRO, FOG = 0.03 * DEG, 0.015 * DEG  # noise of a sample, rad/s
@@ -83,7 +83,7 @@ def test_a_prediction_has_hardly_more_noise_than_the_best_smoothness_leaves(seed
 
 def with_smoothness(hand, factor, monkeypatch):
     """The FOG's prediction where the penalty is this often the most probable one."""
-    import tiltcal.statistics.penalised_spline as module
+    import tiltcal.statistics.splines as module
 
     probable = module._smoothness
     with monkeypatch.context() as changed:

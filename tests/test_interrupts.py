@@ -13,9 +13,8 @@ from scenario_files import BENCH_SCENARIO, refusal
 
 from tiltcal.cli import main, methods
 from tiltcal.cli.signals import Terminated, unwinding
-from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import TEMPORARY
+from tiltcal.core.files import TEMPORARY, claimed
 from tiltcal.core.tasks.journal import open_journal
 from tiltcal.validation import runs
 from tiltcal.validation.kept_runs import NAME

@@ -14,13 +14,13 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.design.recording_blocks import Block
 from tiltcal.diagnosis.investigation import investigate as room
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
-from tiltcal.diagnosis.investigation.discriminating_blocks import Pair, Proposal
+from tiltcal.diagnosis.investigation.discriminating_blocks import BlockProposal, Pair
 from tiltcal.diagnosis.investigation.investigate import InvestigationSetup, investigate
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock
 from tiltcal.diagnosis.investigation.stored import read_investigation
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.setup.sequence import Step
 
 PLACING: dict[str, Any] = {
@@ -85,7 +85,7 @@ class Doctor:
 @pytest.fixture(autouse=True)
 def _always_the_same_block(monkeypatch: pytest.MonkeyPatch) -> None:
     pair = Pair("acc_K2", "acc_K3", 100.0, 12.0)
-    plan = NextBlock(Proposal(BLOCK, 1.0, (pair,)), "Rest.")
+    plan = NextBlock(BlockProposal(BLOCK, 1.0, (pair,)), "Rest.")
     monkeypatch.setattr(room, "next_block", lambda *_: plan)
 
 
@@ -238,7 +238,7 @@ def test_a_command_gets_both_files_without_a_shell(tmp_path: Path) -> None:
     ("body", "found"),
     [
         ("sys.exit('no power')", "exit status 1 (no power)"),
-        ("sys.exit(3)", "exit status 3 (nothing said)"),
+        ("sys.exit(3)", "exit status 3 (no message)"),
         ("pass", "no recording written"),
         ("pathlib.Path(sys.argv[2]).write_text('')", "no recording written"),
         ("pathlib.Path(sys.argv[2]).write_text('hello')", "column"),

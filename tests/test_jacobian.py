@@ -8,7 +8,7 @@ from tiltcal.core.units import PARAMETER_UNITS
 from tiltcal.effects import make_effect
 from tiltcal.forward.jacobian import Rows, candidates, gram, rows_of, sensitivity, white_noise
 from tiltcal.forward.signal_chain import readings
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.sequence import Climate, Step
 

@@ -5,7 +5,7 @@ import pytest
 from builders import ACCEL, GYRO, effect_of, setup_of, tossed
 
 from tiltcal.forward.kinematics import force_and_rate
-from tiltcal.forward.linearised_kinematics import Responses, moves_smoothly
+from tiltcal.forward.nominal_motion import Responses, moves_smoothly
 
 SMALL = 1e-5
 CASES = {

@@ -9,7 +9,7 @@ from statistics_helpers import rng_of
 
 from tiltcal.core.units import ARCSEC
 from tiltcal.recordings.differentiation import differentiate
-from tiltcal.recordings.table_rests import at_rest
+from tiltcal.recordings.table_standstills import at_rest
 from tiltcal.setup.chain import BASE, Chain, Link
 from tiltcal.setup.loads import Loads, Mass, moments
 from tiltcal.setup.trajectory import Jet, sampled_jet

@@ -16,9 +16,10 @@ from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings import span_means
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.recordings.span_means import Spans
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import WhiteFlickerWalk
 
 POSES = [(0, 0), (90, 0), (180, 0), (-90, 0), (90, 90), (-90, 90), (45, 30), (0, 180)]
 
@@ -118,8 +119,11 @@ def test_what_is_not_averaged_is_read_to_a_stated_length(file, tmp_path):
     write_recording(coarse, tmp_path / "coarse.npz")
     by_hand = tumble(sequence=[], table="handheld")
     for read, why in (
-        (read_for_diagnosis(tmp_path / "coarse.npz", tumble()), "coarse codes are not averaged"),
-        (read_for_diagnosis(file, by_hand), "recordings by hand are not averaged"),
+        (
+            read_for_diagnosis(tmp_path / "coarse.npz", tumble()),
+            "coarsely quantised readings are not averaged",
+        ),
+        (read_for_diagnosis(file, by_hand), "hand-held recordings are not averaged"),
         (read_static(file), "they are enough to tell the noise"),
     ):
         assert len(read.recording) == 15_000

@@ -19,7 +19,8 @@ from tiltcal.recordings import span_means
 from tiltcal.recordings.parquet_files import PIECE
 from tiltcal.recordings.pieces import joined, read_pieces, writing
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.recordings.span_means import read_averaged
 from tiltcal.setup.setup import Setup
 

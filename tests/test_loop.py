@@ -101,7 +101,6 @@ def test_what_happened_once_lies_behind_the_simulated_laboratory(tmp_path: Path)
     np.testing.assert_allclose(x, 0.05 * 9.80665, atol=1e-6)
 
 
-@pytest.mark.slow
 def test_investigate_explains_what_a_quarter_turn_left_open(tmp_path: Path) -> None:
     (tmp_path / "concealed.toml").write_text(tomli_w.dumps(CONCEALED))
     (tmp_path / "bench.toml").write_text(tomli_w.dumps(HONEST))
@@ -132,7 +131,6 @@ def test_investigate_explains_what_a_quarter_turn_left_open(tmp_path: Path) -> N
     assert plan["block"] == told["blocks"][1]["block"]
 
 
-@pytest.mark.slow
 def test_investigate_explains_physics_that_is_not_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,19 +11,19 @@ import pytest
 from statistics_helpers import rng_of
 
 from tiltcal.cli import main
-from tiltcal.cli.design import TEXTBOOK
-from tiltcal.cli.maxmin_design import summary
+from tiltcal.cli.design import TEXTBOOK, summary
 from tiltcal.core.units import DEG
 from tiltcal.design.classic import classic
 from tiltcal.design.maxmin import (
     REQUIRED,
     Goal,
     _falling,
-    blind_to_nothing,
     goal_of,
     grid_of_poses,
+    maximise_least_visibility,
+    most_log_det,
+    most_visible,
 )
-from tiltcal.design.optimal_weights import most_log_det, most_visible
 from tiltcal.design.signatures import Field, catalogue_signatures
 from tiltcal.design.static_instrument import Still
 from tiltcal.design.time_budget import Clock
@@ -126,7 +126,7 @@ def test_every_effect_of_the_catalogue_is_in_one_of_the_lists():
 
 def test_classic_schemes_are_blind_to_something_and_the_designed_one_is_not():
     seen = effects_of()
-    found = blind_to_nothing(seen, Clock(500), 24, 0)
+    found = maximise_least_visibility(seen, Clock(500), 24, 0)
     judge = Goal(seen, found.references, goal().log_det)
     for name, most in (("six", 1e-6), ("12", 1e-6), ("24", 0.05)):
         assert judge.shares(classic(name)).min() < most, name
@@ -146,16 +146,16 @@ def test_second_and_third_order_kinks_and_harmonics_share_one_half():
     """
     fourth_power, product = 0.5 * 2 / 9 + 1 / 9, 0.5 / 9
     assert 3 * fourth_power + 6 * product == pytest.approx(1.0)
-    found = blind_to_nothing(effects_of("dual", LISTED), Clock(500), 24, 0)
+    found = maximise_least_visibility(effects_of("dual", LISTED), Clock(500), 24, 0)
     assert found.shares.min() >= 0.38
     assert found.efficiency >= REQUIRED
     assert found.shares.min() <= found.bounds[0] <= 0.51
 
 
 @pytest.mark.parametrize("table", ["placing", "three"])
-def test_other_tables_have_designs_that_are_blind_to_nothing_too(table):
+def test_other_tables_have_such_designs_too(table):
     seen = effects_of(table)
-    found = blind_to_nothing(seen, clock_of(seen.still), 24, 0, starts=2)
+    found = maximise_least_visibility(seen, clock_of(seen.still), 24, 0, starts=2)
     assert found.shares.min() > 0.35
     assert found.efficiency >= REQUIRED
     assert found.angles.shape == (24, {"placing": 1, "three": 2}[table])
@@ -194,7 +194,7 @@ def test_the_command_prints_the_bounds_beside_the_least_share_and_what_is_out_of
         "linear",
         "--budget-s",
         "500",
-        "--blind-to-nothing",
+        "--all-effects-observable",
         "24",
         "-o",
         str(tmp_path / "out"),

@@ -18,7 +18,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.joining import joined
 from tiltcal.recordings.means_table import MeansTable, read_log_or_means
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.recordings.segmentation import find_segments
 
 FACES = ["+x", "-x", "+y", "-y", "+z", "-z"]

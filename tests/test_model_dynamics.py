@@ -15,7 +15,7 @@ from tiltcal.forward.kinematics import closed_form
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltsim.dynamics import run_dynamics
 from tiltsim.laboratory import MujocoLaboratory
-from tiltsim.model_drives import NATURAL
+from tiltsim.model_reader import NATURAL
 
 GRAVITY = 9.80123
 SIGN, OFFSET = {"lift": -1}, {"lift": 10 * DEG}

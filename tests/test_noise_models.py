@@ -8,8 +8,15 @@ from scipy.signal import lfilter
 
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.statistics.dwell_noise import white_at_rest
-from tiltcal.statistics.noise_spectrum import CONFIDENCE, NoiseFit, cosines, estimate_noise
-from tiltcal.statistics.white_flicker_walk import LEAST_WHITE, WhiteFlickerWalk, deviance
+from tiltcal.statistics.noise_spectrum import (
+    CONFIDENCE,
+    LEAST_WHITE,
+    NoiseFit,
+    WhiteFlickerWalk,
+    cosines,
+    deviance,
+    estimate_noise,
+)
 
 MODELS = [
     WhiteFlickerWalk(1.0),
@@ -104,7 +111,6 @@ def test_an_autoregressive_process_has_the_spectrum_that_the_class_says(rng):
     assert found.white == pytest.approx(0.3, rel=3 / np.sqrt(2 * len(x)))
 
 
-@pytest.mark.slow
 def test_a_diagnosis_takes_another_noise_model_as_an_argument():
     hidden = bench({"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 400.0})
     found = diagnose(honest(hidden), [recorded(hidden, 3)], noise=AutoRegressive2)

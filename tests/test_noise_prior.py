@@ -19,8 +19,7 @@ from tiltcal.diagnosis.model.noise_prior import (
 )
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.cosine_transform import cosines
-from tiltcal.statistics.noise_spectrum import estimate_noise
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import WhiteFlickerWalk, estimate_noise
 
 # bias instability of x, y and z, gyro and accelerometer, each in a unit of its own, as owners of
 # these instruments published what imu_utils and allan_variance_ros made of hours at rest
@@ -151,7 +150,6 @@ def test_an_axis_with_a_nameless_curve_is_not_compared():
     assert sorted(one.which for one in instruments(curved)) == [(0, 2), (1,)]
 
 
-@pytest.mark.slow
 def test_slow_variation_of_one_axis_is_a_finding():
     """Of a size that an instrument of a poor grade may have on all its axes."""
     truth = bench()

@@ -64,7 +64,6 @@ def test_it_converges_from_half_the_scale_and_half_a_g_off(sign):
         )
 
 
-@pytest.mark.slow
 def test_all_draws_together_reach_the_bound_and_their_intervals_cover(monkeypatch):
     # costs most, changes no parameter
     monkeypatch.setattr(norm_module, "leave_directions_out", lambda *_: (0.0, 1.0))

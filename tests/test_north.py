@@ -177,7 +177,6 @@ def drawn(azimuth, roll, pitch, angles, rng):
     return draw
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("angles", [TWO, FOUR])
 def test_variance_nees_and_coverage_lie_in_one_computed_band(angles):
     """Bounds by hand: half differences of two dwells, or sine and cosine of four; biases are means
@@ -218,7 +217,7 @@ def test_variance_nees_and_coverage_lie_in_one_computed_band(angles):
     assert np.all((inside >= low) & (inside <= high)), inside / draws
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_whole_method_is_consistent_and_seldom_suspects_itself():
     rng, total, draws, verdicts = rng_of("north whole"), 0.0, 100, []
     truth = {

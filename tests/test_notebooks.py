@@ -10,7 +10,6 @@ import pytest
 NOTEBOOKS = Path(__file__).parents[1] / "docs" / "notebooks"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["calibration", "diagnosis"])
 def test_a_notebook_runs_as_a_script(name, tmp_path):
     text = (NOTEBOOKS / f"{name}.py").read_text()

@@ -21,10 +21,9 @@ from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.laboratory.scenario_tables import EstimatorTable
 from tiltcal.validation.acceptance import run_scenario
-from tiltcal.validation.online import process
+from tiltcal.validation.online import judging
 from tiltcal.validation.online.estimators import make_estimator
-from tiltcal.validation.online.judging import feed, part_of, run_estimator
-from tiltcal.validation.online.online_result import OnlineResult
+from tiltcal.validation.online.judging import OnlineResult, Process, feed, part_of, run_estimator
 
 SWEEP = [{"action": "rest", "dwell_s": 2}] + [
     {"action": "sweep", "outer_deg": a, "step_deg": 10, "dwell_s": 1.5, "rate_deg_s": 60}
@@ -319,8 +318,8 @@ def test_what_cannot_be_judged_is_refused_in_words(live):
     ],
 )
 def test_a_program_that_does_not_answer_rightly_is_told_so(code, message, monkeypatch):
-    monkeypatch.setattr(process, "PATIENCE", 0.3 if "sleep" in code else 10.0)
-    program = process.Process([sys.executable, "-c", code], SETUP)
+    monkeypatch.setattr(judging, "PATIENCE", 0.3 if "sleep" in code else 10.0)
+    program = Process([sys.executable, "-c", code], SETUP)
     with pytest.raises(TiltcalError, match=message):
         feed(program, [still(seconds=1)], "program")
     assert program.process.poll() is not None
@@ -328,7 +327,7 @@ def test_a_program_that_does_not_answer_rightly_is_told_so(code, message, monkey
 
 def test_a_program_that_is_not_there_is_named():
     with pytest.raises(TiltcalError, match=r"command ./no-such: .*need a program that runs"):
-        process.Process(["./no-such"], SETUP)
+        Process(["./no-such"], SETUP)
 
 
 def test_a_program_gets_a_line_a_sample_with_empty_cells_where_nothing_was_sampled():
@@ -336,7 +335,7 @@ def test_a_program_gets_a_line_a_sample_with_empty_cells_where_nothing_was_sampl
         "import sys\nfor line in sys.stdin: print(line.count(','), line.split(',').index(''),"
         " sep=',', flush=True)"
     )
-    program = process.Process([sys.executable, "-c", code], SETUP)
+    program = Process([sys.executable, "-c", code], SETUP)
     try:
         assert program.update({"time_s": 0.5, "accel": (1.0, 2.0, 3.0)}) == (6.0, 4.0)
     finally:

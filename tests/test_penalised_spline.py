@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from tiltcal.statistics.penalised_spline import LinearReadings, most_probable_course
-from tiltcal.statistics.spline_basis import DEGREE, ORDER, SplineBasis
+from tiltcal.statistics.splines import (
+    DEGREE,
+    ORDER,
+    LinearReadings,
+    SplineBasis,
+    most_probable_course,
+)
 
 AXIS = np.array([1.0, 2.0, 2.0]) / 3
 

@@ -275,7 +275,7 @@ def test_a_dwell_that_spans_a_remount_is_cut_there():
     np.testing.assert_allclose(entries(found, "x"), bias("x", UP), atol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_all_draws_together_reach_the_bound_and_their_intervals_cover(monkeypatch):
     """Tables and smooth fits of both axes: one family of variances and NEES at 0.1 %, and 95 %
     intervals. An entry's sigma also holds what straight lines beside it miss: left out here, where

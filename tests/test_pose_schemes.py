@@ -12,7 +12,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_up
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.setup.pose_schemes import directions, label_of
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
 

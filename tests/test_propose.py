@@ -21,7 +21,7 @@ from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.foreign_files import import_recording
 from tiltcal.recordings.mapping import load_mapping, parse_mapping
 from tiltcal.recordings.proposal.propose import propose_mapping
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 MOST_UNKNOWN = 0.15  # share of "cannot know" among all that is proposed
 

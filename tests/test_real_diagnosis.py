@@ -18,7 +18,6 @@ from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.static_poses import group_directions
 
 pytestmark = [
-    pytest.mark.slow,
     needs(RECORDINGS),
 ]
 HOUR = DEG / 3600  # rad/s
@@ -98,6 +97,7 @@ def heldout(residual, columns, group):
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
 
 
+@pytest.mark.long
 def test_xsens_lacks_cross_axis_terms_and_then_the_g_sensitivity_of_its_gyro_and_nothing_else(
     xsens,
 ):
@@ -114,6 +114,7 @@ def test_xsens_lacks_cross_axis_terms_and_then_the_g_sensitivity_of_its_gyro_and
     assert 450 < largest < 600  # deg/h/g; a careful fit: up to 554
 
 
+@pytest.mark.long
 def test_xsens_reaches_the_careful_fit_of_gravity_in_directions_left_out(xsens):
     _, observations = xsens
     # what `norm` reaches
@@ -122,6 +123,7 @@ def test_xsens_reaches_the_careful_fit_of_gravity_in_directions_left_out(xsens):
     assert heldout(*in_poses(observations, "accel.norm", CROSS_AXIS)) / MILLI_G > 5.0
 
 
+@pytest.mark.long
 def test_xsens_reaches_the_careful_fit_of_the_gyro_at_rest(xsens):
     _, observations = xsens
 
@@ -139,6 +141,7 @@ def test_xsens_reaches_the_careful_fit_of_the_gyro_at_rest(xsens):
     assert per_pose({"gyr_gsens"}) > 200
 
 
+@pytest.mark.long
 def test_xsens_reaches_the_careful_fit_of_its_turns(xsens):
     _, observations = xsens
     i = of(observations, "gyro.turn")
@@ -159,9 +162,12 @@ def test_xsens_reaches_the_careful_fit_of_its_turns(xsens):
         0,
         pytest.param(
             1,
-            marks=pytest.mark.xfail(
-                strict=True, reason="a root of the force fits its few poses better"
-            ),
+            marks=[
+                pytest.mark.long,
+                pytest.mark.xfail(
+                    strict=True, reason="a root of the force fits its few poses better"
+                ),
+            ],
         ),
     ],
 )
@@ -173,6 +179,7 @@ def test_an_mpu9150_lacks_cross_axis_terms_and_nothing_else(unit, tmp_path):
 
 
 # a minute of computing: `pytest --runxfail` runs it
+@pytest.mark.long
 @pytest.mark.xfail(reason="unlisted curves over temperature go before the late law", run=False)
 def test_a_thermal_cycle_leaves_a_lag_that_no_curve_over_temperature_has(tmp_path):
     path = imported("thermal_cycle/imu_raw_data.csv", "thermal", tmp_path / "run.csv")

@@ -12,7 +12,8 @@ from pyarrow import parquet
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import SUFFIXES, read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import SUFFIXES, write_recording
 
 NUMBERS = (
     "accel_x_m_s2",

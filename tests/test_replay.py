@@ -10,7 +10,7 @@ from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
-from tiltcal.recordings.table_rests import still_rows
+from tiltcal.recordings.table_standstills import still_rows
 
 LABORATORY = SimulatedLaboratory()
 STEPS = [

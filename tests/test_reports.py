@@ -23,18 +23,17 @@ from tiltcal.diagnosis.conclusions.finding import Finding, Where
 from tiltcal.diagnosis.conclusions.law_plots import angles_of
 from tiltcal.diagnosis.conclusions.residual_plots import Spectrum
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.investigation.discriminating_blocks import Pair, Proposal
+from tiltcal.diagnosis.investigation.discriminating_blocks import BlockProposal, Pair
 from tiltcal.diagnosis.investigation.next_block import NextBlock
 from tiltcal.diagnosis.investigation.progress_log import Entry, Investigation
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import AngleEffect, FrameEffect
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.report.certificate import certificate_page, make_certificate
-from tiltcal.report.diagnosis import lead, write_diagnosis
+from tiltcal.report.design import write_separating_block
+from tiltcal.report.diagnosis import law_plots, lead, spectrum_plot, write_diagnosis
 from tiltcal.report.investigation import write_investigation
 from tiltcal.report.poses import poses_of, poses_of_steps
-from tiltcal.report.residuals import law_plots, spectrum_plot
-from tiltcal.report.separating_block import write_separating_block
 from tiltcal.report.stated import Stated
 
 HOSTILE = "</script><script>document.title='run'</script><b>\"'&amp;"
@@ -51,7 +50,7 @@ PAGES = (
 )
 DRAWN = tuple(page for page in PAGES if page != "certificate")  # one that is printed has no plots
 LIMIT = 6 * 2**20  # bytes
-VISIBLE = ("--blind-to-nothing", "14", "--terms", "acc_K2", "acc_Kip", "acc_drift")
+VISIBLE = ("--all-effects-observable", "14", "--terms", "acc_K2", "acc_Kip", "acc_drift")
 PHONE = {"width": 390, "height": 844}
 DESK = {"width": 1280, "height": 900}
 
@@ -108,7 +107,7 @@ def write_block(path, scenario):
     limits = TableLimits(scenario.rig, dict.fromkeys(scenario.rig.axis_names, CIRCLE), 30.0, 3.0)
     blocks = [replace(b, words=HOSTILE) for b in islice(candidates(limits), 3)]
     pairs = (Pair(HOSTILE, "acc_K2", 30.0, 13.0), Pair("acc_K2", HOSTILE, 90.0, 13.0))
-    proposals = tuple(Proposal(b, 1.0 + k, pairs) for k, b in enumerate(blocks))
+    proposals = tuple(BlockProposal(b, 1.0 + k, pairs) for k, b in enumerate(blocks))
     plan = NextBlock(proposals[0], HOSTILE, (HOSTILE,), proposals)
     poses = poses_of_steps(blocks[0].steps, scenario, HOSTILE)
     table = table_in(poses, scenario)

@@ -67,8 +67,9 @@ def test_it_is_a_decaying_cosine_from_its_beginning(id, early):
     assert bool(effect.dynamics(scenario.rig, 9.81)) == (early == 0)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("early", "amplitude"), [(0.0, -60.0), (-0.06, 60.0)])
+@pytest.mark.parametrize(
+    ("early", "amplitude"), [(0.0, -60.0), pytest.param(-0.06, 60.0, marks=pytest.mark.long)]
+)
 def test_it_is_named_whenever_it_began(early, amplitude):
     """At 25 Hz, where the readout tells the end of a move two samples late."""
     known = bench(rung(early, amplitude)).model_dump(exclude_defaults=True, by_alias=True)

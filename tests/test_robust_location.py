@@ -25,7 +25,6 @@ def dwell(rng, share=0.0, code=0.0, n=N):
     return place, np.round(values / code) * code if code else values
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.parametrize("share", [0.0, 0.2])
 def test_the_stated_uncertainty_is_that_of_the_errors(estimator, share):
@@ -77,7 +76,6 @@ def test_a_constant_signal_is_its_own_location():
         np.testing.assert_allclose(found.values, 0.25, rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_the_median_of_codes_is_a_trap_and_the_mean_of_inliers_the_remedy():
     """docs/two_position.md, "Which estimator": LSB 30.5 ug, noise 50 ug, a half difference of two
     dwells: median 1.47 arcsec, mean 0.52.
@@ -115,7 +113,6 @@ def eight_runs(rng, estimator, tilts):
     return np.std(found, axis=0, ddof=1) / ARCSEC, np.mean(found, axis=0)
 
 
-@pytest.mark.slow
 def test_beside_a_road_the_robust_estimate_repeats_under_two_arcsec_and_the_mean_does_not():
     """500 sets of eight runs, a fifth of the samples 1 mg wide, all in codes of 1.75 arcsec; the
     paper's two tilts.

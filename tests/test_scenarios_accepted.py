@@ -59,7 +59,6 @@ def test_there_are_claims_about_every_method():
     }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in CLAIMS if name not in SHOWN])
 def test_the_claim_holds_in_mujoco(name):
     result = run_scenario(SCENARIOS[name], simulator(), source=f"{name}.toml")

@@ -18,7 +18,7 @@ from tiltcal.calibration.screen.explanations import Explanation, alike, in_words
 from tiltcal.calibration.screen.units import unit_test
 from tiltcal.core.frames import sphere
 from tiltcal.recordings.static_poses import find_poses
-from tiltcal.statistics.dither import left_by_rounding, noise_posterior, rounding_variance
+from tiltcal.statistics.dwell_noise import left_by_rounding, noise_posterior, rounding_variance
 
 SETUP = setup_of("handheld", ACCEL)
 CASES = [(name, fault) for name in MAKERS for fault in FAULTS[name]]

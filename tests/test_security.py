@@ -19,10 +19,10 @@ from tiltcal.calibration.correction import setup_of
 from tiltcal.calibration.firmware.header import header, in_comment
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli import main
-from tiltcal.core.csv_cells import cell_of, text_of
-from tiltcal.core.plain_text import plain
+from tiltcal.core.safe_text import cell_of, plain, text_of
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import write_recording
 
 ESCAPE = "\x1b[2J\x1b]0;owned\x07"
 MARKUP = "</script><script>alert(1)</script><a href=x>y</a>"

@@ -8,8 +8,7 @@ from pydantic import ValidationError
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_mount
 from tiltcal.core.units import DEG
-from tiltcal.setup.schedule import RAMP
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import RAMP, build_schedule
 from tiltcal.setup.sequence import Climate, Step
 
 

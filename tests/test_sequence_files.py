@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.sequence_files import read_sequence, sequence_columns, sequence_text
 from tiltcal.setup.setup import Rig

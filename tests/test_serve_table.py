@@ -8,9 +8,8 @@ from tiltcal.core.units import DEG
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.laboratory.serve.axis import AxisDrive
-from tiltcal.laboratory.serve.commands import TableCommands
+from tiltcal.laboratory.serve.commands import TableCommands, forms
 from tiltcal.laboratory.serve.rate_table import RateTable
-from tiltcal.laboratory.serve.scpi import forms
 from tiltsim.motion import mujoco_motion
 
 

@@ -58,7 +58,6 @@ def test_the_sigmas_are_those_worked_out_by_hand():
     assert found.parameters["accel.bias_z"].sigma == pytest.approx(s / np.sqrt(6), rel=0.15)
 
 
-@pytest.mark.slow
 def test_all_draws_together_reach_the_bound_and_their_intervals_cover(monkeypatch):
     # these two cost most and change no parameter
     monkeypatch.setattr(six_position, "leave_directions_out", lambda *_: {})

@@ -31,7 +31,7 @@ from tiltcal.laboratory.serve.rate_table import RateTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.replay import replay
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence_files import read_sequence, sequence_text
 from tiltsim.laboratory import MujocoLaboratory
 from tiltsim.motion import mujoco_motion

@@ -16,11 +16,11 @@ from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings import span_means
 from tiltcal.recordings.pieces import part_of, writing
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.rest_noise import noise_models, noise_models_of
+from tiltcal.recordings.saving import write_recording
 from tiltcal.recordings.span_means import AVERAGED, Spans, averaged, read_averaged, whole_spans
-from tiltcal.statistics.allan import allan_deviation
-from tiltcal.statistics.running_allan import RunningAllan
+from tiltcal.statistics.allan import RunningAllan, allan_deviation
 
 SPANS = Spans(10, 0.01)
 

@@ -22,7 +22,7 @@ from tiltcal.core.files import TEMPORARY, replacing, write_json
 from tiltcal.core.numerical import determining
 from tiltcal.diagnosis.investigation.stored import read_diagnosis, read_investigation
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 BIAS = {"value": 0.1, "sigma": 0.01, "unit": "m_s2"}
 CAL = {

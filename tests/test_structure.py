@@ -1,17 +1,15 @@
-"""The statistics of the source code, held to a small package worked by hand."""
+"""The limits of the source code, held to a small package worked by hand."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from checks.structure import circles, read
+from checks.structure import LONGEST_BODY, LONGEST_FILE, circle, complaints, main, read
 
 SOURCE = '''"""Two lines of
 prose."""
 
 from tiltcal.other import thing
-
-LIMIT, LEAST = 3.0, -1  # two numbers
-NAMES = ("a", "b")
 
 
 def body(x):
@@ -31,14 +29,32 @@ def package(tmp_path: Path) -> Path:
     return folder
 
 
-def test_tokens_constants_and_bodies_are_counted(package):
+def test_lines_and_bodies_are_counted(package):
     source = read(package / "one.py", package)
-    assert (source.lines, source.code, source.constants) == (13, 6, 2)
-    assert source.tokens == 6 + 8 + 7 + 6 + 5 + 2
-    assert source.bodies == ((2, "body"),)
+    assert (source.module, source.lines, source.bodies) == ("tiltcal.one", 10, ((2, "body"),))
 
 
 def test_a_circle_of_imports_is_found(package):
     sources = [read(path, package) for path in sorted(package.glob("*.py"))]
-    assert [sorted(group) for group in circles(sources)] == [["tiltcal.one", "tiltcal.other"]]
-    assert circles(sources[:1]) == []
+    assert set(circle(sources)) == {"tiltcal.one", "tiltcal.other"}
+    assert [line.split(":")[0] for line in complaints(sources)] == ["circle of imports"]
+    assert circle(sources[:1]) == []
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"lines": LONGEST_FILE + 1}, "601 lines, at most 600"),
+        ({"bodies": ((LONGEST_BODY + 1, "body"),)}, "body of 41 lines, at most 40"),
+    ],
+)
+def test_what_exceeds_a_limit_is_named(package, more, words):
+    source = read(package / "one.py", package)
+    assert list(complaints([source])) == []
+    (line,) = complaints([replace(source, **more)])
+    assert line.startswith("tiltcal.one")
+    assert words in line
+
+
+def test_the_source_keeps_its_limits(capsys):
+    assert main() == 0, capsys.readouterr().out

@@ -234,7 +234,7 @@ def test_no_room_is_one_message_and_what_was_recorded_stays(tmp_path):
         [sys.executable, "-c", FILLS, str(path)], capture_output=True, text=True, check=True
     ).stdout
     count = int(said.split()[0])
-    assert "make room and run the same command again" in said
+    assert "free some space and run the same command again" in said
     assert 5 < count < 400
     with open_journal(path) as journal:
         assert len(journal) == count

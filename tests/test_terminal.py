@@ -20,7 +20,7 @@ from tiltcal.cli.commands import COMMANDS
 from tiltcal.cli.output import fitted_widths, print_table
 from tiltcal.core.progress import Stages
 
-VISIBLE = ("--blind-to-nothing", "14", "--terms", "acc_K2", "acc_Kip", "acc_drift")
+VISIBLE = ("--all-effects-observable", "14", "--terms", "acc_K2", "acc_Kip", "acc_drift")
 CAMPAIGN = """\
 schema = 1
 scenario = "bench.toml"
@@ -175,8 +175,8 @@ def test_the_time_left_follows_the_shares_of_the_stages(monkeypatch):
     for now[0], act, argument in (
         (1.0, stages.part, 0.5),  # an eighth of the work in 1 s
         (2.0, stages.begin, "second"),
-        (3.0, stages.still, "one found"),
-        (9.0, stages.still, "two found"),  # beyond its share: what is left is a lower bound
+        (3.0, stages.status, "one found"),
+        (9.0, stages.status, "two found"),  # beyond its share: what is left is a lower bound
         (9.0, stages.begin, "third"),
         (9.0, stages.part, 0.5),
     ):

@@ -94,7 +94,6 @@ def monte_carlo(draws: int, name: str, estimator: str, code: float = 0.0) -> np.
     return errors
 
 
-@pytest.mark.slow
 def test_all_reversals_together_reach_the_bound_and_their_intervals_cover():
     """Half the difference and half the sum of two means: variance s^2/2 each; d roll = du_y / (g
     cos roll), and so on.
@@ -138,7 +137,6 @@ def test_all_reversals_together_reach_the_bound_and_their_intervals_cover():
     assert np.all((inside >= low) & (inside <= high)), inside / draws
 
 
-@pytest.mark.slow
 def test_the_median_reaches_what_physics_allows():
     """docs/physics.md, "Reversal": bound 0.516 arcsec; a median is sqrt(pi/2) worse."""
     bound = SIGMA / (G * np.sqrt(2 * SAMPLES))
@@ -150,7 +148,6 @@ def test_the_median_reaches_what_physics_allows():
     assert median < band[1] * np.pi / 2
 
 
-@pytest.mark.slow
 def test_a_median_of_codes_defeats_the_dither():
     """docs/two_position.md, "Which estimator": 16 bit over +-1 g, 50 ug noise: mean 0.52 arcsec,
     median 1.47 arcsec (400 trials by another program).
@@ -165,7 +162,6 @@ def test_a_median_of_codes_defeats_the_dither():
     assert mean == pytest.approx(quantised, rel=3.29 / np.sqrt(2 * draws))
 
 
-@pytest.mark.slow
 def test_the_uncertainty_is_consistent_for_an_inclinometer():
     setup = Setup(site=SETUP.site, rig=SETUP.rig, sensor=(INCL,))
     rng = rng_of("reversal consistency")
@@ -195,7 +191,8 @@ def test_a_median_that_sticks_to_codes_is_warned_about():
     found = calibrate("two_position", draw, SETUP, estimator="median")
     assert found.verdict == "suspect"
     assert (
-        "use the mean" in next(t for t in found.tests if t.name == "median against codes").statement
+        "use the mean"
+        in next(t for t in found.tests if t.name == "median against quantisation").statement
     )
 
 

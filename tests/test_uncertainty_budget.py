@@ -207,7 +207,6 @@ SOURCES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", [m for m in SOURCES if m != "placing_table"])
 def test_every_method_has_a_budget_of_the_usual_sources(method):
     """The placing table has an index error at each stop: its budget is in the Monte Carlo."""
@@ -225,8 +224,10 @@ def test_every_method_has_a_budget_of_the_usual_sources(method):
     assert len(budget.lines) > 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", SOURCES)
+@pytest.mark.parametrize(
+    "method",
+    [m if m == "placing_table" else pytest.param(m, marks=pytest.mark.long) for m in SOURCES],
+)
 def test_the_combined_uncertainty_is_the_spread_of_a_monte_carlo_to_five_per_cent(
     method, monkeypatch
 ):

@@ -84,7 +84,7 @@ def test_counts_get_their_zero_and_scale_from_gravity(capsys):
     found = scenario.named("accel").input
     assert found.per_m_s2 == pytest.approx(415, rel=1e-3)
     np.testing.assert_allclose(found.zero, [33000 + 9000e-6 * 9.80665 * 415, 33000, 33000], atol=1)
-    assert "rests lie on a sphere" in said
+    assert "standstill means lie on a sphere" in said
     assert scenario.rig.table == "dual"
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from tiltcal.report.stated import Stated
     from tiltcal.validation.cross_check import Check
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "Calibration",
     "Certificate",

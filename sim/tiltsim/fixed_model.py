@@ -2,6 +2,9 @@
 
 The model stays the user's: bodies, actuators and contacts are as they were. Everything that the
 effects turn is worked out at the model's reference, where it does not depend on the pose.
+
+``prescribed_model`` gives a user's own model joints that follow a given motion, and the sensors of
+the instrument.
 """
 
 from collections.abc import Sequence
@@ -17,12 +20,11 @@ from tiltcal.core.frames import rotation
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
 from tiltcal.effects.mechanisms import Compliance
 from tiltcal.forward.kinematics import world_of
-from tiltcal.laboratory.fixed_effects import fixed_error, fixed_turn
-from tiltcal.laboratory.model_words import ModelAxis, ModelWords
+from tiltcal.laboratory.own_model import ModelAxis, ModelWords, fixed_error, fixed_turn
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import bearing
 from tiltsim.model_reader import ModelJoint, ModelReader
-from tiltsim.rig import quaternion
+from tiltsim.rig import ARMATURE, add_frame_sensors, quaternion
 
 STIFFEST = 1e12  # N m/rad: a spring that does not give way
 ROTOR = 1e-3  # kg m2 of a spring: else it shares the inertia of the joint about the same axis
@@ -265,3 +267,43 @@ def _matrix(quat: Array) -> Array:
     R = np.zeros(9)
     mujoco.mju_quat2Mat(R, np.array(quat, float))
     return R.reshape(3, 3)
+
+
+def prescribed_model(
+    spec: "mujoco.MjSpec", site: str, mount: Array, lever: Array
+) -> "mujoco.MjModel":
+    """Compile a model for prescribed motion: no actuators, contacts or constraints, inertia that
+    nothing else can move.
+
+    Args:
+        spec: it is changed.
+        site: where the instrument sits.
+        mount: components in the instrument's frame to the site's, (3, 3).
+        lever: from the site to the sensors, instrument's frame, m, (3,).
+    """
+    for sensor in list(spec.sensors):
+        spec.delete(sensor)
+    for joint in spec.joints:
+        joint.armature, joint.damping = ARMATURE, [0.0, 0.0, 0.0]
+    _place_instrument(spec, site, mount, lever)
+    flags = mujoco.mjtDisableBit
+    spec.option.disableflags |= (
+        int(flags.mjDSBL_ACTUATION) | int(flags.mjDSBL_CONTACT) | int(flags.mjDSBL_CONSTRAINT)
+    )
+    return spec.compile()
+
+
+def _place_instrument(spec: "mujoco.MjSpec", site: str, mount: Array, lever: Array) -> None:
+    """A site ``accel`` on the instrument's site, turned by the mounting, and its sensors."""
+    compiled = spec.compile().site(site)
+    R, q = np.zeros(9), np.zeros(4)
+    mujoco.mju_mulQuat(q, compiled.quat, quaternion(mount))
+    mujoco.mju_quat2Mat(R, q)
+    carrier = spec.site(site).parent
+    if site == "accel":  # the name that the sensors look for
+        spec.delete(spec.site(site))
+    carrier.add_site(name="accel", pos=compiled.pos + R.reshape(3, 3) @ lever, quat=q)
+    kinds = mujoco.mjtSensor
+    for name, kind in (("accel", kinds.mjSENS_ACCELEROMETER), ("gyro", kinds.mjSENS_GYRO)):
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
+    add_frame_sensors(spec)

@@ -9,7 +9,7 @@ from tiltcal.forward.signal_chain import Mover
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.laboratory.scene import Scene
-from tiltcal.laboratory.serve.mechanics import Mechanics
+from tiltcal.laboratory.serve.rate_table import Mechanics
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Course, Drive
 from tiltsim.motion import Progress, mujoco_motion

@@ -2,12 +2,21 @@
 
 MuJoCo compiles the file, so that whatever it loads is read. Joints that no readout is mapped to
 stay at the model's reference.
+
+All files that a model names lie in the scenario's folder.
+
+MuJoCo looks for a file from the main model's folder and from that of the file that names it, in the
+folders that any part of the model states for its assets.
+
+In a run by time steps a joint has the drive and the servo that the model gives it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
@@ -16,17 +25,136 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import MM
-from tiltcal.laboratory.model_words import ModelAxis, ModelWords
-from tiltcal.setup.chain import BASE, Chain, Link, Place
-from tiltsim.model_drives import drive_of
-from tiltsim.model_files import check_files, require_inside
+from tiltcal.laboratory.own_model import ModelAxis, ModelWords
+from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
+
+LARGEST = 64 * 2**20  # bytes
+FOLDERS = ("meshdir", "texturedir", "assetdir")
+PARTS = ("include", "model")  # elements that name further XML
+SCHEMES = ("file://", "package://")  # of URDF
+
+
+def require_inside(folder: Path, path: Path, words: str) -> Path:
+    """A file inside a folder, with its links resolved.
+
+    Raises:
+        TiltcalError: it lies elsewhere, is no file, or is too large.
+    """
+    found = path.resolve()
+    if not found.is_relative_to(folder.resolve()):
+        raise _error(words, "a path outside the scenario's folder", "files inside it")
+    if not found.is_file():
+        raise _error(words, "no such file", "a file in the scenario's folder")
+    if found.stat().st_size > LARGEST:
+        raise _error(words, f"{found.stat().st_size} bytes", f"at most {LARGEST}")
+    return found
+
+
+def check_files(main: Path, folder: Path) -> None:
+    """Every file that a model and its parts name lies in a folder; one that is missing is MuJoCo's
+    to say.
+
+    Raises:
+        TiltcalError: one does not, or a part is no XML.
+    """
+    roots: dict[Path, Element] = {}
+    waiting = [main]
+    while waiting:
+        path = waiting.pop()
+        if path in roots:
+            continue
+        roots[path] = _parsed(path)
+        for name, tag in _named(roots[path]):
+            for place in (main.parent, path.parent) if tag in PARTS else ():
+                target = (place / name).resolve()
+                if target.is_file():
+                    waiting.append(require_inside(folder, target, name))
+    stated = {e.get(k) or "" for r in roots.values() for e in r.iter("compiler") for k in FOLDERS}
+    for path, root in roots.items():
+        for name, _ in _named(root):
+            for place in (main.parent, path.parent):
+                for assets in stated | {""}:
+                    target = (place / assets / name).resolve()
+                    if not target.is_relative_to(folder.resolve()):
+                        require_inside(folder, target, name)
+
+
+def _named(root: Element) -> Iterator[tuple[str, str]]:
+    """Each file that a part names, with the element that does."""
+    for element in root.iter():
+        for key, value in element.attrib.items():
+            if key.startswith("file") and value:  # file, filename, fileright ...
+                for scheme in SCHEMES:
+                    value = value.removeprefix(scheme)
+                yield value, element.tag
+
+
+def _parsed(path: Path) -> Element:
+    try:
+        return ElementTree.fromstring(path.read_bytes())
+    except ElementTree.ParseError as error:
+        raise _error(path.name, f"no XML: {error}", "MJCF or URDF") from error
+
+
+def _error(words: str, found: str, need: str) -> TiltcalError:
+    return TiltcalError(
+        f"model file {words}",
+        found=found,
+        need=need,
+        do="correct it, or copy it into the scenario's folder",
+    )
+
+
+NATURAL = 2 * np.pi * 20.0  # rad/s, of the servo of a joint that has none, critically damped
+
+
+def drive_of(model: "mujoco.MjModel", joint: int) -> dict[str, float]:
+    """Drive and servo of a joint, as a ``Link`` has them.
+
+    The servo is the model's own position actuator on that joint, seen through its gear; where there
+    is none, one that swings at NATURAL with the inertia of all that the joint carries at the
+    model's reference.
+
+    Args:
+        model: compiled.
+        joint: number of a hinge.
+    """
+    dof = int(model.jnt_dofadr[joint])
+    servo = next(filter(None, (_servo(model, k, joint) for k in range(model.nu))), None)
+    inertia = float(model.dof_M0[dof])
+    stiffness, damping = servo or (inertia * NATURAL**2, 2 * inertia * NATURAL)
+    return {
+        "armature_kg_m2": float(model.dof_armature[dof]),
+        "damping_N_m_s_rad": float(model.dof_damping[dof]),
+        "friction_N_m": float(model.dof_frictionloss[dof]),
+        "servo_N_m_rad": stiffness,
+        "servo_N_m_s_rad": damping,
+    }
+
+
+def _servo(model: "mujoco.MjModel", actuator: int, joint: int) -> tuple[float, float] | None:
+    """Stiffness and damping of an actuator about a joint; None where it is no position servo of
+    that joint.
+    """
+    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    if model.actuator_trntype[actuator] not in kinds or model.actuator_trnid[actuator, 0] != joint:
+        return None
+    gain, bias = model.actuator_gainprm[actuator], model.actuator_biasprm[actuator]
+    fixed = model.actuator_gaintype[actuator] == int(mujoco.mjtGain.mjGAIN_FIXED)
+    affine = model.actuator_biastype[actuator] == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    prompt = model.actuator_dyntype[actuator] == int(mujoco.mjtDyn.mjDYN_NONE)
+    if not (fixed and affine and prompt and gain[0] > 0 and np.isclose(bias[1], -gain[0])):
+        return None
+    gear = float(model.actuator_gear[actuator, 0])
+    return gear**2 * float(gain[0]), gear**2 * max(float(-bias[2]), 0.0)
+
 
 MOST_BODIES = 2000
 
 
 def read_model(
     words: ModelWords, folder: Path, sites: Sequence[str] = ()
-) -> tuple[Chain, dict[str, Place]]:
+) -> tuple[Chain, dict[str, LinkFrame]]:
     """The links of a model whose joints a scenario maps to table axes, and places on them.
 
     Args:
@@ -103,10 +231,10 @@ class ModelReader:
         links = [self._link(k) for k in range(len(self.axes))]
         return Chain(link=tuple(links), instrument=self.place(self.words.site))
 
-    def place(self, site: str) -> Place:
+    def place(self, site: str) -> LinkFrame:
         """Where a site, or a body, is among the links."""
         body, origin, R = self._site(site)
-        return Place(**self._placed(self._on(body), origin, R))
+        return LinkFrame(**self._placed(self._on(body), origin, R))
 
     def base_moment(self) -> Array:
         """Moment of the mass that no axis moves, about the world's East and North, kg m, (2,): of
@@ -183,7 +311,7 @@ class ModelReader:
         return {name: (float(readout.min()), float(readout.max()))}
 
     def _placed(self, on: int, origin: Array, R: Array) -> dict[str, Any]:
-        """A frame of the world as a ``Place`` on a link, by its number; -1: the base."""
+        """A frame of the world as a ``LinkFrame`` on a link, by its number; -1: the base."""
         if on >= 0:
             link = self.axes[on]
             origin, R = link.R.T @ (origin - link.origin), link.R.T @ R

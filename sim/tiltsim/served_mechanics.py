@@ -14,13 +14,13 @@ from tiltsim.build import build, mechanisms_of, resolved
 from tiltsim.dynamics import (
     BLOCK,
     PREROLL,
+    Log,
     Recorder,
     Servos,
     observed,
     stepped,
     unprinted_warnings,
 )
-from tiltsim.log import Log
 
 AHEAD = 4  # steps beyond an instant that its rate, acceleration and interpolation need
 

@@ -73,7 +73,7 @@ def _mountings(setup: Setup, drive: Drive) -> Iterator[tuple[Rig, Array]]:
         raise TiltcalError(
             f"table {setup.rig.table}",
             found="no attitude at its instants",
-            need="a scenario with a sequence: a recording by hand does not say how it was held",
+            need="a scenario with a sequence: a hand-held recording does not state how it was held",
             do="show the scenario, or a recording on a table",
         )
     starts = [row for row, _ in drive.mounts] + [len(drive.time)]

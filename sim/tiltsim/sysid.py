@@ -26,16 +26,15 @@ from tiltcal.effects.base import AngleEffect, Effect
 from tiltcal.effects.streams import Streams
 from tiltcal.forward.kinematics import true_angles, world_of
 from tiltcal.forward.signal_chain import readings
-from tiltcal.laboratory.fixed_effects import fixed_error
 from tiltcal.laboratory.model_parameters import ModelParameter, model_parameters, with_values
+from tiltcal.laboratory.own_model import fixed_error
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay, replay
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet, Motion
-from tiltsim.fixed_model import Reference, build_in
+from tiltsim.fixed_model import Reference, build_in, prescribed_model
 from tiltsim.motion import read_states
-from tiltsim.prescribed_model import prescribed_model
 from tiltsim.rig import Rig
 
 if not hasattr(sysid, "optimize"):  # it imports without its libraries, and is empty then

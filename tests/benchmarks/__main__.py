@@ -1,4 +1,7 @@
-"""Run the benchmarks: all, or the named ones."""
+"""Run the benchmarks: all, or the named ones. TILTCAL_BENCH=smoke makes each as small as it can be.
+
+python -m tests.benchmarks [NAME ...]
+"""
 
 import importlib
 import sys
@@ -29,4 +32,5 @@ def main(names: list[str]) -> None:
         importlib.import_module(f"tests.benchmarks.{name}").main()
 
 
-main(sys.argv[1:])
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -6,12 +6,18 @@ import secrets
 
 import numpy as np
 
+from tests.benchmarks import sized
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.assets import folder
 from tiltcal.laboratory.scenario import Scenario, load_scenario
-from tiltcal.validation.accuracy import TiltError, normalised_error, tilt_error, true_parameters
-from tiltcal.validation.gyro_accuracy import attitude_error
+from tiltcal.validation.accuracy import (
+    TiltError,
+    attitude_error,
+    normalised_error,
+    tilt_error,
+    true_parameters,
+)
 
 CASES = (
     "six_faces_dual",
@@ -23,7 +29,7 @@ CASES = (
     "north_four_positions",
     "gyro_rates_three",
 )
-DRAWS = 40
+DRAWS = sized(40, 2)
 
 
 def _error(scenario: Scenario, found: Calibration) -> TiltError:

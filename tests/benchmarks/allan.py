@@ -8,9 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from tests.benchmarks import sized
 from tiltcal.statistics.allan import allan_deviation
 
-RATE, SECONDS = 100.0, 3600
+RATE, SECONDS = 100.0, sized(3600, 60)
 
 
 def best_of(work: Callable[[], object], runs: int = 15) -> float:

@@ -25,8 +25,8 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.normal_equations import normal_equations
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.candidates import Names
 from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.statistics.noise_spectrum import white_noise

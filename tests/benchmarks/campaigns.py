@@ -6,7 +6,6 @@ program of its own, in turn; costs of an engine are of tasks that do nothing.
 
 import json
 import operator
-import resource
 import subprocess
 import sys
 import tempfile
@@ -17,6 +16,7 @@ from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
 
+from tests.benchmarks import children_s, sized
 from tiltcal.api.simulating import simulator
 from tiltcal.core.tasks.engines import open_engine
 from tiltcal.core.tasks.journal import open_journal
@@ -27,8 +27,8 @@ from tiltcal.validation.campaign.campaign_runs import rows_of, runs_of, task_of
 from tiltcal.validation.run_files import table_of
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "six_faces_dual.toml"
-RUNS = 1000
-LIGHT = 3000
+RUNS = sized(1000, 4)
+LIGHT = sized(3000, 100)
 JOBS = 2
 YEAR_H = 8766
 
@@ -37,13 +37,13 @@ def main() -> None:
     """Print the costs and the projection."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        used = [_children_seconds()]
+        used = [children_s()]
         before = _by_hand_apart()
-        used.append(_children_seconds())
+        used.append(children_s())
         wall, seconds, disk, journal = _campaign(folder)
-        used.append(_children_seconds())
+        used.append(children_s())
         by_hand = (before + _by_hand_apart()) / 2
-        used.append(_children_seconds())
+        used.append(children_s())
         print(f"  by hand with concurrent.futures, before and after: {by_hand:.1f} s; ", end="")
         print(f"the campaign takes {wall / by_hand:.2f} of it, ", end="")
         hand, own, again = (b - a for a, b in pairwise(used))
@@ -115,9 +115,9 @@ def _light(engine: str, folder: Path) -> tuple[float, float]:
     tasks = [Task(f"{k}", operator.neg, (k,)) for k in range(LIGHT)]
     with open_engine(engine, JOBS) as opened, open_journal(folder / f"{engine}.journal") as journal:
         make_all(tasks[:50], LIGHT, journal, opened, Limits(), _record)  # the processes have begun
-        start, before = time.perf_counter(), _own_seconds()
+        start, before = time.perf_counter(), time.process_time()
         make_all(tasks, LIGHT, journal, opened, Limits(), _record)
-        wall, own = time.perf_counter() - start, _own_seconds() - before
+        wall, own = time.perf_counter() - start, time.process_time() - before
     count = LIGHT - 50
     print(f"  a task that does nothing, engine {engine}: ", end="")
     print(f"{1e3 * wall / count:.2f} ms, of these {1e3 * own / count:.2f} ms of the main process")
@@ -126,20 +126,6 @@ def _light(engine: str, folder: Path) -> tuple[float, float]:
 
 def _record(task: Task, outcome: Outcome) -> str:
     return f"{task.key} {outcome.value}"
-
-
-def _own_seconds() -> float:
-    return _seconds_of(resource.RUSAGE_SELF)
-
-
-def _children_seconds() -> float:
-    return _seconds_of(resource.RUSAGE_CHILDREN)
-
-
-def _seconds_of(who: int) -> float:
-    """Processor time so far, s."""
-    used = resource.getrusage(who)
-    return used.ru_utime + used.ru_stime
 
 
 def _projection(seconds: float, each_bytes: float, costs: dict[str, tuple[float, float]]) -> None:

@@ -78,17 +78,17 @@ def blind_cases(folder: Path) -> list[Case]:
     """The blind cases; their files are written once."""
     sys.path.insert(0, str(ROOT / "tests"))
     import numpy as np
-    from blind.__main__ import plan
     from blind.cases import KINDS, TYPES, make
     from blind.files import write_recording, write_scenario
+    from blind.plans import plan
 
     cases = []
-    for kind, type_, k in plan(9, KINDS, TYPES)[:BLIND_CASES]:
-        place = folder / f"{kind}-{type_}-{k}"
+    for job in plan(9)[:BLIND_CASES]:
+        place = folder / f"{job.kind}-{job.type_}-{job.author}-{job.k}"
         if not (place / "scenario.toml").exists():
             place.mkdir(parents=True, exist_ok=True)
-            key = [BLIND_SEED, KINDS.index(kind), TYPES.index(type_), k]
-            case = make(kind, type_, 1 if k % 2 == 0 else 4, key)
+            key = [BLIND_SEED, KINDS.index(job.kind), TYPES.index(job.type_), job.k]
+            case = make(job.kind, job.type_, 1 if job.k % 2 == 0 else 4, key, job.author)
             write_recording(
                 place / "recording.csv", case.lab, case.rows, np.random.default_rng(key)
             )

@@ -12,7 +12,9 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv, parquet
 
-ROWS = 1_000_000
+from tests.benchmarks import sized
+
+ROWS = sized(1_000_000, 1000)
 LIMITS = {"a.csv": 1.0, "a.parquet": 0.2}
 NAMES = ("t", "ax", "ay", "az", "gx", "gy", "gz", "temperature")
 CHANNELS = (
@@ -71,7 +73,7 @@ def proposals(path: Path) -> Counter[str]:
 
     from tiltcal.recordings.proposal.propose import propose_mapping
 
-    found = Counter({"logs": len(VARIANTS)})
-    for log in VARIANTS.values():
+    found = Counter({"logs": sized(len(VARIANTS), 2)})
+    for log in list(VARIANTS.values())[: sized(None, 2)]:
         found.update(how for _, how in score(log, propose_mapping(log.write(path)).toml()))
     return found

@@ -7,10 +7,12 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from tests.benchmarks import sized
 from tiltcal.laboratory.instrument.wrap import wrap
 from tiltcal.laboratory.scenario import parse_scenario
 
-ENVS, ROUNDS, STEPS, RATE = 64, 5, 768, 200
+ENVS, RATE = 64, 200
+ROUNDS, STEPS = sized((5, 768), (1, 8))
 EFFECTS = [
     {"id": "acc_bias", "bias_x_ug": 3000},
     {"id": "acc_noise", "white_ug_rthz": 40, "flicker_ug": 10, "walk_ug_rts": 0.3},

@@ -11,6 +11,7 @@ import time
 import mujoco
 import numpy as np
 
+from tests.benchmarks import sized
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 
 RATE, HOUR = 100.0, 3600.0
@@ -43,7 +44,7 @@ def scenario(moving: bool) -> Scenario:
     if moving:
         steps = [
             {"action": "turn", "axis": axis, "angle_deg": 20.0 * 200, "rate_deg_s": 20.0}
-            for axis in ("outer", "middle", "inner") * 6
+            for axis in ("outer", "middle", "inner") * sized(6, 1)
         ]
     else:
         steps = [
@@ -55,7 +56,7 @@ def scenario(moving: bool) -> Scenario:
                 "rate_deg_s": 60,
                 "dwell_s": 55,
             }
-            for k in range(1, 64)
+            for k in range(1, sized(64, 3))
         ]
     return parse_scenario(
         {
@@ -85,12 +86,12 @@ def bare_loop(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
     model = spec.compile()
     data = mujoco.MjData(model)
     out = np.empty((len(q), 6))
-    start = time.perf_counter()
+    start = time.process_time()
     for k in range(len(q)):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], a[k]
         mujoco.mj_inverse(model, data)
         out[k] = data.sensordata
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def measure(moving: bool) -> dict[str, float]:
@@ -101,9 +102,9 @@ def measure(moving: bool) -> dict[str, float]:
 
     case = scenario(moving)
     laboratory = MujocoLaboratory()
-    start = time.perf_counter()
+    start = time.process_time()
     recording = laboratory.record(case, 1)
-    ours = time.perf_counter() - start
+    ours = time.process_time() - start
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     drive = case.schedule.drive(recording.time)
     q, v, a = (
@@ -122,7 +123,7 @@ def main() -> None:
     """Three runs of each case, each in a process of its own; the median ratio."""
     for name, moving, limit in (("always moving", True, 1.25), ("mostly dwells", False, 0.40)):
         runs = []
-        for _ in range(3):
+        for _ in range(sized(3, 1)):
             code = (
                 "import json; from tests.benchmarks.simulation import measure;"
                 f" print(json.dumps(measure({moving})))"

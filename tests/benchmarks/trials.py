@@ -8,13 +8,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tests.benchmarks import SMOKE
+
 TESTS = Path(__file__).parents[1]
 
 
 def main() -> None:
     """Print the score table and the reliability of the probabilities."""
     command = [sys.executable, "-m", "blind", "--jobs", str(os.cpu_count() or 1)]
-    if n := os.environ.get("BLIND_N"):
+    if SMOKE:
+        command += ["--n", "1", "--kinds", "six_faces", "--types", "null"]
+    elif n := os.environ.get("BLIND_N"):
         seed = str(secrets.randbelow(2**31))
         print(f"blind trials, {n} of each type, seed {seed}", flush=True)
         command += ["--n", n, "--seed", seed]

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from unittest import mock
 
 from tests.fuzz.cases import Case
 from tests.fuzz.originals import inside
@@ -45,20 +46,6 @@ class Outcome:
     where: str
     told: str
     seconds: float
-
-
-unexpected: list[Exception] = []
-"""What the boundary of the command line had to catch: the last net, and a failure all the same."""
-told = cli._unexpected
-
-
-def telling(error: Exception) -> str:
-    """The message of the boundary, and the exception behind it kept."""
-    unexpected.append(error)
-    return told(error)
-
-
-cli._unexpected = telling
 
 
 class Overdue(KeyboardInterrupt):
@@ -121,6 +108,12 @@ def contents(place: Path) -> dict[str, bytes]:
 def ended(arguments: tuple[str, ...]) -> Ending:
     """Run a command in this process, with a limit of time."""
     out, err, found = Watched(), Watched(), Ending()
+    caught: list[Exception] = []  # what the boundary of the command line had to catch
+    message_of = cli._unexpected
+
+    def keeping(error: Exception) -> str:
+        caught.append(error)
+        return message_of(error)
 
     def overdue(*_: object) -> None:
         found.overdue = True
@@ -132,11 +125,12 @@ def ended(arguments: tuple[str, ...]) -> Ending:
         contextlib.redirect_stderr(err),
         warnings.catch_warnings(record=True) as warned,
         alarm(overdue),
+        mock.patch.object(cli, "_unexpected", keeping),
     ):
         warnings.simplefilter("always")
         try:
             found.status = main(list(arguments))
-            found.error = unexpected.pop() if unexpected else None
+            found.error = caught[-1] if caught else None  # a failure all the same
         except SystemExit as stop:
             found.status = stop.code if isinstance(stop.code, int) else 1
         except BaseException as error:  # noqa: BLE001  whatever escapes is what is looked for

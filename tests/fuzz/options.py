@@ -11,7 +11,7 @@ DESIGN = "design bench.toml --terms bias --budget-s 60 -o out"
 COMMANDS: Mapping[str, str] = {
     DESIGN: "--seed --terms --nuisance --textbook --criterion --grade --prior --range-deg --sensor"
     " --budget-s --rate-deg-s --settle-s --dwell-s --angles --step-deg --floor-ug"
-    " --blind-to-nothing",
+    " --all-effects-observable",
     "investigate bench.csv --scenario bench.toml --lab true -o out": "--blocks --budget-min"
     " --block-min --rate-deg-s --dwell-s --angles",
     "sweep bench.toml --effect acc_bias.bias_x_ug=0:1:2 --seeds 1 -o out": "--effect --field"

@@ -20,7 +20,7 @@ from tiltcal.recordings.rig_fit import suspected_rig
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.span_means import averaging_note
 from tiltcal.validation.cross_check import Check, check
-from tiltcal.validation.uncertainty_budget import Budget, make_budget
+from tiltcal.validation.uncertainty_budget import UncertaintyBudget, make_budget
 
 
 def one_recording(scenario: Scenario, recordings: Sequence[Recording]) -> Recording:
@@ -40,14 +40,14 @@ def estimate(
     options: dict[str, Any],
     with_budget: bool = False,
     progress: Progress = silent,
-) -> tuple[Calibration, Budget | None]:
+) -> tuple[Calibration, UncertaintyBudget | None]:
     """A calibration, and its uncertainty budget where it is wanted; columns that belong to no
     sensor are noted.
 
     Raises:
         TiltcalError: the method, an option or the recording is not usable.
     """
-    budget: Budget | None = None
+    budget: UncertaintyBudget | None = None
     if with_budget:
         calibration, budget = make_budget(
             method, recording, scenario, scenario.budget, progress=progress, **options
@@ -69,7 +69,7 @@ def estimate_for_certificate(
     scenario: Scenario,
     options: dict[str, Any],
     progress: Progress = silent,
-) -> tuple[Calibration, Budget | None]:
+) -> tuple[Calibration, UncertaintyBudget | None]:
     """The same with a budget; where that cannot be evaluated, a warning says why.
 
     Raises:

@@ -15,7 +15,7 @@ from tiltcal.recordings.segmentation import Segment
 from tiltcal.report import certificate
 from tiltcal.report.dcc import write_dcc
 from tiltcal.report.stated import Stated
-from tiltcal.validation.uncertainty_budget import Budget
+from tiltcal.validation.uncertainty_budget import UncertaintyBudget
 
 ENDINGS = (".html", ".xml")
 
@@ -78,7 +78,7 @@ def certificate_of(
     stated: Stated,
     recording: Recording,
     scenario: Scenario,
-    budget: Budget | None,
+    budget: UncertaintyBudget | None,
     dwells: Sequence[Segment] | None = None,
 ) -> Certificate:
     """The certificate of a calibration with its recording.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.diagnosis.conclusions.amended_scenario import amended_table
+from tiltcal.diagnosis.conclusions.parts import amended_table
 from tiltcal.laboratory.model_parameters import (
     model_parameters,
     parameter_file,

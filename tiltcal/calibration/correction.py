@@ -1,16 +1,17 @@
-"""Correcting a recording with a calibration, in fixed memory: piece in, piece out."""
+"""Correcting a recording with a calibration, in fixed memory: piece in, piece out.
+
+What came of correcting a stream: counts, and notes for the user.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 from pydantic import ValidationError
 
-from tiltcal.calibration.corrected import Corrected
-from tiltcal.calibration.inversion import product
-from tiltcal.calibration.result import Calibration, tilt_angles
-from tiltcal.calibration.thermal import Course, ThermalStream, ThermalTerms, at_rows
+from tiltcal.calibration.result import Calibration, product, tilt_angles
+from tiltcal.calibration.thermal import TemperatureCourse, ThermalStream, ThermalTerms, at_rows
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt, tilt_of_force
@@ -18,6 +19,56 @@ from tiltcal.core.units import COLUMN_UNITS, DEG
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
+
+
+@dataclass
+class Corrected:
+    """What came of a stream: rows written, readings of each axis left empty because its table does
+    not hold there, and the range of every channel.
+    """
+
+    rows: int = 0
+    beyond: dict[str, int] = field(default_factory=dict)
+    range: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def count(self, chunk: Recording, added: dict[str, Array], calibration: Calibration) -> None:
+        """Add a chunk. added: columns of the chunk, (n,) each."""
+        self.rows += len(chunk)
+        for name in added:
+            self._widen(chunk, name)
+        for key in calibration.bias_tables:
+            name, _, axis = key.partition(".")
+            sampled = np.isfinite(chunk.column(str(chunk.channel(f"{name}_{axis}"))))
+            column = next(c for c in added if c.startswith(f"{name}_{axis}_corrected_"))
+            self.beyond[key] = self.beyond.get(key, 0) + int(
+                np.sum(sampled & np.isnan(added[column]))
+            )
+
+    def _widen(self, chunk: Recording, corrected: str) -> None:
+        """Take up the least and the largest reading behind a corrected column."""
+        name = chunk.channel(corrected.partition("_corrected_")[0])
+        if "_corrected_" not in corrected or name is None:
+            return
+        values = chunk.column(name)
+        if np.isfinite(values).any():
+            low, high = self.range.get(name, (np.inf, -np.inf))
+            self.range[name] = (
+                min(low, float(np.nanmin(values))),
+                max(high, float(np.nanmax(values))),
+            )
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user should know."""
+        notes = [
+            f"{n} readings of {key} at placing angles that its table does not hold are left empty"
+            for key, n in self.beyond.items()
+            if n
+        ]
+        dead = [name for name, (low, high) in self.range.items() if low == high]
+        if dead and self.rows > 1:
+            notes.append(f"{', '.join(dead)}: constant throughout, dead or disconnected")
+        return notes
 
 
 def setup_of(calibration: Calibration) -> Setup:
@@ -94,7 +145,7 @@ def corrected_columns(
     calibration: Calibration,
     setup: Setup,
     force: Force | None = None,
-    course: Course | None = None,
+    course: TemperatureCourse | None = None,
 ) -> dict[str, Array]:
     """The columns that correction adds, full length: corrected readings in their own unit, and tilt
     where defined. (n,) each.
@@ -147,7 +198,7 @@ def corrected_columns(
     return columns
 
 
-def thermal_course(recording: Recording, stream: ThermalStream) -> Course:
+def thermal_course(recording: Recording, stream: ThermalStream) -> TemperatureCourse:
     """The course of a recording's temperature after what the stream has seen.
 
     Raises:
@@ -188,7 +239,7 @@ def _pulled(
 def _no_triad(recording: Recording, gyro: str) -> TiltcalError:
     return TiltcalError(
         recording.source,
-        found=f"no accelerometer triad beside {gyro}",
+        found=f"no accelerometer triad with {gyro}",
         need="the force its g-sensitivity follows",
         do="record one, or calibrate without gsens",
     )

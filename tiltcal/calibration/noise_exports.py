@@ -82,7 +82,7 @@ def kalibr_yaml(accel: TriadNoise, gyro: TriadNoise, topic: str) -> str:
     lines = [
         "# From the Allan variance of a recording at rest. Many users multiply these by 5 to 20:",
         "# kalibr takes everything else (vibration, temperature, scale errors, time stamps) for",
-        "# noise of this kind, and an optimiser that trusts the IMU too much fits the rest badly.",
+        "# noise of this kind, and an optimiser that trusts the IMU too much fits all else badly.",
     ]
     for name, noise, unit in (
         ("accelerometer", accel, "m/s^2"),

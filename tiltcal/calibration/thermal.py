@@ -36,7 +36,7 @@ class Memory:
 
 
 @dataclass(frozen=True)
-class Course:
+class TemperatureCourse:
     """A temperature column as the terms see it.
 
     Args:
@@ -54,8 +54,8 @@ class Course:
         temperature: Array,
         smoothing: float,
         memory: Memory,
-        before: "Course | None" = None,
-    ) -> "Course":
+        before: "TemperatureCourse | None" = None,
+    ) -> "TemperatureCourse":
         """From readings; ``before`` is the course up to here, where a recording comes in pieces.
 
         Args:
@@ -80,9 +80,9 @@ class Course:
             state = np.zeros_like(level)
         return cls(time, level, state)
 
-    def last(self) -> "Course":
+    def last(self) -> "TemperatureCourse":
         """Its end, from which the next piece goes on."""
-        return Course(self.time[-1:], self.level[-1:], self.memory[-1:])
+        return TemperatureCourse(self.time[-1:], self.level[-1:], self.memory[-1:])
 
 
 def _low_pass(step: Array, values: Array, constant: float, start: float) -> Array:
@@ -129,7 +129,7 @@ class ThermalTerms:
         """``<sensor>.temp<power>_<term>``; 0 where it was not estimated."""
         return self.values.get(f"{sensor}.temp{power}_{term}", 0.0)
 
-    def bias(self, sensor: Sensor, course: Course) -> Array:
+    def bias(self, sensor: Sensor, course: TemperatureCourse) -> Array:
         """What temperature adds to the readings whatever acts, SI, (n, k)."""
         warm = course.level - self.reference
         found = np.zeros((len(warm), len(sensor.axes)))
@@ -151,7 +151,7 @@ class ThermalTerms:
         axis = sensor.axes[i]
         return f"scale_{axis}" if j == sensor.axis_indices[i] else f"cross_{axis}{'xyz'[j]}"
 
-    def sensitivity(self, sensor: Sensor, course: Course) -> Array:
+    def sensitivity(self, sensor: Sensor, course: TemperatureCourse) -> Array:
         """What temperature adds to the sensitivity matrix, (n, k, 3)."""
         warm = course.level - self.reference
         found = np.zeros((len(warm), len(sensor.axes), 3))
@@ -167,7 +167,7 @@ class ThermalTerms:
         self,
         sensor: Sensor,
         readings: Array,
-        course: Course,
+        course: TemperatureCourse,
         correct: Callable[[Array], Array],
     ) -> Array:
         """Readings corrected for temperature and all else, SI, (n, k).
@@ -205,18 +205,20 @@ class ThermalStream:
     """Thermal terms over the pieces of a recording: each goes on where the last one ended."""
 
     terms: ThermalTerms
-    last: Course | None = None
+    last: TemperatureCourse | None = None
     reading: float = np.nan
 
-    def course(self, time: Array, temperature: Array) -> Course:
+    def course(self, time: Array, temperature: Array) -> TemperatureCourse:
         """The course over the next piece; temperature: degC, NaN where it was not read, (n,)."""
         known = held(temperature, self.reading)
-        found = Course.of(time, known, self.terms.smoothing, self.terms.memory, self.last)
+        found = TemperatureCourse.of(
+            time, known, self.terms.smoothing, self.terms.memory, self.last
+        )
         self.last, self.reading = found.last(), float(known[-1])
         return found
 
 
-def at_rows(course: Course, rows: Index) -> Course:
+def at_rows(course: TemperatureCourse, rows: Index) -> TemperatureCourse:
     """The course at some rows. rows: (m,)."""
     return replace(
         course, time=course.time[rows], level=course.level[rows], memory=course.memory[rows]

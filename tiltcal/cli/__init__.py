@@ -84,7 +84,7 @@ def _interrupted() -> int:
 
 def _refused(message: str) -> int:
     """The one message, and the exit status of unusable input."""
-    from tiltcal.core.plain_text import plain
+    from tiltcal.core.safe_text import plain
 
     print(plain(f"tiltcal: {message}"), file=sys.stderr)
     return 2
@@ -96,7 +96,7 @@ def _from_system(error: OSError) -> str:
     reason = (error.strerror or str(error)).lower()
     return (
         f"file or device{name}: found {reason}, need one that can be read and written; choose"
-        " another, or make room"
+        " another, or free some space"
     )
 
 

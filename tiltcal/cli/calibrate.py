@@ -23,10 +23,9 @@ from tiltcal.core.progress import silent
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.segment_files import read_segments
 from tiltcal.recordings.span_means import read_averaged
-from tiltcal.report.budget import BUDGET_COLUMNS, budget_rows
-from tiltcal.report.parameters import parameter_rows
 from tiltcal.report.stated import NOTHING_STATED
-from tiltcal.validation.uncertainty_budget import Budget
+from tiltcal.report.tables import BUDGET_COLUMNS, budget_rows, parameter_rows
+from tiltcal.validation.uncertainty_budget import UncertaintyBudget
 
 BUDGET_HEADER = ("parameter", "source", "type", *BUDGET_COLUMNS[3:])
 
@@ -152,7 +151,7 @@ def print_calibration(c: Calibration) -> None:
     )
 
 
-def print_budget(budget: Budget, calibration: Calibration) -> None:
+def print_budget(budget: UncertaintyBudget, calibration: Calibration) -> None:
     """Print the significant lines of each parameter and the combined uncertainty."""
     print_table(
         BUDGET_HEADER,

@@ -1,4 +1,4 @@
-"""``tiltcal campaign``, ``sweep`` and ``merge``."""
+"""``tiltcal campaign``, ``sweep`` and ``merge``, and what they print."""
 
 import importlib
 from pathlib import Path
@@ -7,7 +7,6 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from tiltcal.api.simulating import simulator
-from tiltcal.cli.campaign_output import print_summary
 from tiltcal.cli.options import (
     DEFAULT_BUDGET,
     SEVERAL,
@@ -19,7 +18,7 @@ from tiltcal.cli.options import (
     MoreBudget,
     ScenarioFile,
 )
-from tiltcal.cli.output import print_json, progress_line, say
+from tiltcal.cli.output import paragraph, print_json, print_table, progress_line, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json
 from tiltcal.core.read_back import checked
@@ -33,7 +32,7 @@ from tiltcal.validation.campaign.campaign_file import (
 )
 from tiltcal.validation.campaign.factors import Factor
 from tiltcal.validation.campaign.folder import (
-    Place,
+    CampaignFiles,
     Shard,
     forget_faults,
     make_runs,
@@ -43,12 +42,85 @@ from tiltcal.validation.campaign.folder import (
 from tiltcal.validation.campaign.points import check_levels, require_allowed, require_countable
 from tiltcal.validation.campaign.results import Results, known_summary, write_results
 
+HEADER = ("method", "runs", "verdicts", "NEES/dof", "95 %", "tilt after, arcsec", "95 %", "bound")
+ALL_PARAMETERS = ("tilt_after_arcsec", "nees_per_dof")
+"""Results that hold all parameters together."""
+
+
+def print_summary(summary: dict[str, Any]) -> None:
+    """Print a row per combination of levels and method, sensitivities, and what failed."""
+    cells = summary["cells"]
+    names = list(cells[0]["values"]) if cells else []
+    rows = [
+        [*(_text(v) for v in cell["values"].values()), *_row(method, found)]
+        for cell in cells
+        for method, found in cell["methods"].items()
+    ]
+    print_table((*names, *HEADER), rows, title=summary["name"])
+    for cell in cells:
+        for method, found in cell["methods"].items():
+            _print_sensitivity(method, cell["values"], found.get("sensitivity", {}))
+    for failed in summary["failed"]:
+        where = ", ".join(f"{k} = {_text(v)}" for k, v in failed["values"].items())
+        paragraph(
+            f"no result: {failed['method']}, {where}, seed {failed['seed']}: {failed['error']}"
+        )
+    for fault, count in summary["faults"].items():
+        paragraph(f"{count} runs lost their process ({fault})")
+    missing = summary["runs_planned"] - summary["runs"]
+    paragraph(f"{summary['runs']} of {summary['runs_planned']} runs" + _missing(missing))
+
+
+def _missing(count: int) -> str:
+    return f"; {count} are not made yet" if count else ""
+
+
+def _row(method: str, found: dict[str, Any]) -> list[str]:
+    verdicts = ", ".join(f"{v} x{shown['count']}" for v, shown in found["verdicts"].items())
+    nees, tilt = found["nees_per_dof"], found["tilt_arcsec"]
+    row = [method, str(found["runs"]), verdicts]
+    row += [_text(nees["value"]), _interval(nees["interval_95"])] if nees else ["", ""]
+    if tilt:
+        row += [_text(tilt["after_rms"]), _interval(tilt["after_rms_interval_95"])]
+        row += [_text(tilt["bound_rms"])]
+    return row + [""] * (len(HEADER) - len(row))
+
+
+def _print_sensitivity(method: str, values: dict[str, Any], found: dict[str, Any]) -> None:
+    rows = [  # those of each parameter's error are in the report
+        [name, factor, *_index(first), *_index(indices["total"][factor])]
+        for name, indices in found.items()
+        if "total" in indices and name in ALL_PARAMETERS
+        for factor, first in indices["first_order"].items()
+    ]
+    where = ", ".join(f"{k} = {_text(v)}" for k, v in values.items())
+    if rows:
+        header = ("result", "factor", "first-order index", "95 %", "total index", "95 %")
+        print_table(header, rows, title=f"sensitivity: {method} {where}".rstrip())
+    for name, indices in found.items():
+        if "reason" in indices:
+            paragraph(f"{method}, {name}: no sensitivity indices, {indices['reason']}")
+
+
+def _index(index: dict[str, Any]) -> list[str]:
+    value, low, high = (round(x, 2) + 0.0 for x in (index["value"], *index["interval_95"]))
+    return [f"{value:.2f}", f"{low:.2f} ... {high:.2f}"]
+
+
+def _interval(ends: list[float]) -> str:
+    return " ... ".join(_text(x) for x in ends)
+
+
+def _text(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
 Output = Annotated[
     Path,
     Parameter(
         "--output",
         alias="-o",
-        help="Folder for the results, or FILE.parquet for files FILE.* beside each other.",
+        help="Folder for the results, or FILE.parquet for files FILE.* in one folder.",
     ),
 ]
 ShardName = Annotated[str, Parameter(help="i/n: only every n-th run, for `tiltcal merge`.")]
@@ -172,9 +244,9 @@ def merge(
 
     Exit status: 0 merged, and runs that are missing are counted; 2 unusable input.
     """
-    place = Place.of(output)
+    place = CampaignFiles.of(output)
     with place.claimed(), place.whole_or_not_at_all():
-        found = merged([Place.of(part) for part in parts], place)
+        found = merged([CampaignFiles.of(part) for part in parts], place)
         return _finished(found, place, as_json)
 
 
@@ -192,7 +264,7 @@ def _made(
     require_countable(found)
     require_allowed(found, allow_commands)
     check_levels(found)
-    place = Place.of(output)
+    place = CampaignFiles.of(output)
     with place.claimed():
         with place.journal() as journal:
             write_campaign(found, place)
@@ -213,7 +285,7 @@ def _load_libraries() -> None:
     importlib.import_module("pyarrow").array([0.0])  # imports pandas, where it is installed
 
 
-def _finished(found: Campaign, place: Place, as_json: bool) -> int:
+def _finished(found: Campaign, place: CampaignFiles, as_json: bool) -> int:
     """Write what the journal has, and print it."""
     from tiltcal.report.campaign import write_campaign_report
     from tiltcal.validation.campaign.summary import summary_of
@@ -227,7 +299,7 @@ def _finished(found: Campaign, place: Place, as_json: bool) -> int:
     return _shown(summary, place, as_json)
 
 
-def _shown(summary: dict[str, Any], place: Place, as_json: bool) -> int:
+def _shown(summary: dict[str, Any], place: CampaignFiles, as_json: bool) -> int:
     """Print a summary, and return the exit status."""
     if as_json:
         print_json(summary)

@@ -20,7 +20,7 @@ from tiltcal.recordings.segmentation import Segment
 from tiltcal.report.certificate import Certificate, make_certificate, write_certificate
 from tiltcal.report.dcc import require_date, write_dcc
 from tiltcal.report.stated import NOTHING_STATED, Stated
-from tiltcal.validation.uncertainty_budget import Budget
+from tiltcal.validation.uncertainty_budget import UncertaintyBudget
 
 Statements = Annotated[
     Stated, Parameter(name="*", group=Group("Statements of the laboratory", sort_key=1))
@@ -101,7 +101,7 @@ def write_reports(
     calibration: Calibration,
     recording: Recording,
     scenario: Scenario,
-    budget: Budget | None,
+    budget: UncertaintyBudget | None,
     segments: Sequence[Segment] | None,
     stated: Stated,
     page: Path | None,

@@ -65,7 +65,7 @@ def _show(as_json: bool) -> None:
         [
             d.name,
             d.title,
-            f"{d.repository} @ {d.commit}" + ("" if d.folder else " (place not known)"),
+            f"{d.repository} @ {d.commit}" + ("" if d.folder else " (location not known)"),
             d.licence,
             f"{sum(f.bytes for f in d.file) / 1e6:.1f} MB",
         ]

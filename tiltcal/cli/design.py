@@ -1,27 +1,54 @@
-"""``tiltcal design``."""
+"""``tiltcal design``; with ``--all-effects-observable`` poses in which every effect is visible,
+with ``--split`` the block that separates the alternatives of a diagnosis.
+"""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 from cyclopts import Group, Parameter
 
 from tiltcal.api.designing import DesignedSequence, designed
-from tiltcal.cli.axis_limits import axis_limits
-from tiltcal.cli.design_options import Aim, BlindToNothing, Separation, Split, TableTime
+from tiltcal.api.diagnosing import honest_scenario
+from tiltcal.api.table_scene import table_in
+from tiltcal.cli.design_options import (
+    Aim,
+    AllEffectsObservable,
+    Separation,
+    Split,
+    TableTime,
+    axis_limits,
+)
 from tiltcal.cli.options import SEED, EngineName, Jobs, Json
-from tiltcal.cli.output import paragraph, print_json, print_table, progress_line, say
-from tiltcal.core.claimed_folder import claimed
+from tiltcal.cli.output import paragraph, print_json, print_table, progress_line, say, tell
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.tasks.engines import shared_engine
+from tiltcal.core.files import claimed, make_folder, require_file, write_json, write_text
+from tiltcal.core.read_back import read_toml
+from tiltcal.core.tasks.engines import Engine, shared_engine
 from tiltcal.core.units import DEG, G0
 from tiltcal.design.gradient_search import Problem
+from tiltcal.design.maxmin import REQUIRED, MaxMin, grid_of_poses, maximise_least_visibility
+from tiltcal.design.plan import Plan
 from tiltcal.design.polynomial import textbook_model
 from tiltcal.design.scenario_problem import clock_of, scenario_problem, sensor_of
+from tiltcal.design.signatures import catalogue_signatures
 from tiltcal.design.static_instrument import Still
+from tiltcal.design.steps import printable, write_plan
 from tiltcal.design.terms import Wanted
 from tiltcal.design.time_budget import Clock
+from tiltcal.diagnosis.investigation.investigate import AMENDED
+from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
+from tiltcal.diagnosis.investigation.stored import read_diagnosis
+from tiltcal.effects import CATALOGUE
 from tiltcal.effects.sensor.noise import AccNoise
 from tiltcal.laboratory.scenario import Scenario, load_scenario, parse_scenario
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.report.design import poses_of_plan, write_separating_block, write_visible_poses
+from tiltcal.report.poses import Pose, poses_of_steps
+from tiltcal.setup.sequence_files import sequence_text
+from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import DUAL
 
 AIM = Parameter(name="*", group=Group("Aim", sort_key=1))
@@ -57,7 +84,7 @@ def design(
     seed: Annotated[int, SEED, Parameter(help="Seed of the search.")] = 0,
     aim: Annotated[Aim, AIM] = DEFAULT_AIM,
     table: Annotated[TableTime, TABLE_TIME] = DEFAULT_TABLE_TIME,
-    blind_to_nothing: Annotated[BlindToNothing, Parameter(group=OTHER_DESIGN)] = None,
+    all_effects_observable: Annotated[AllEffectsObservable, Parameter(group=OTHER_DESIGN)] = None,
     split: Annotated[Split, Parameter(group=OTHER_DESIGN)] = None,
     separation: Annotated[Separation, Parameter(name="*", group=OTHER_DESIGN)] = DEFAULT_SEPARATION,
     output: Annotated[Path | None, Parameter(alias="-o", help="Folder for the plan.")] = None,
@@ -81,16 +108,12 @@ def design(
     The last one writes sequence.csv, next_block.json and report.html.
     """
     if split is not None:
-        from tiltcal.cli.separating_block import design_separating_block
-
         asked = (split, scenario_file, separation, table)
         with shared_engine(engine, jobs) as opened:
             return design_separating_block(*asked, opened, output, as_json)
     scenario = _scenario_of(scenario_file, aim)
-    if blind_to_nothing is not None:
-        from tiltcal.cli.maxmin_design import design_visible_poses
-
-        wanted = (blind_to_nothing, aim, table, seed)
+    if all_effects_observable is not None:
+        wanted = (all_effects_observable, aim, table, seed)
         with shared_engine(engine, jobs) as opened:
             return design_visible_poses(scenario, *wanted, opened, output, as_json)
     sensor = sensor_of(scenario, aim.sensor)
@@ -178,3 +201,223 @@ def show(found: DesignedSequence) -> None:
     if found.inseparable:
         names = ", ".join(found.inseparable)
         paragraph(f"not separable from the other terms by these poses: {names}")
+
+
+SEEN = 0.002  # smallest share at which an effect counts as visible
+
+
+def design_visible_poses(
+    scenario: Scenario,
+    count: int,
+    aim: Aim,
+    table: TableTime,
+    seed: int,
+    engine: Engine | None,
+    output: Path | None,
+    as_json: bool,
+) -> int:
+    """Find ``count`` poses for which the least visible effect is as visible as possible."""
+    sensor = sensor_of(scenario, aim.sensor)
+    at_sensor = scenario.seen_by(sensor)
+    clock = clock_given(table, at_sensor)
+    _check_budget(clock, count * (clock.settle + clock.shortest), count)
+    still = Still(at_sensor, clock.budget)
+    wanted = () if "all" in aim.terms else aim.terms
+    seen = catalogue_signatures(still, sensor, grid_of_poses(clock), aim.grade, wanted)
+    terms = 1 + seen.spanned.shape[1]
+    if count <= terms:
+        _refuse(count, f"more than {terms}", "bias, scale and cross-axis terms absorb all of them")
+    with progress_line() as progress:
+        found = maximise_least_visibility(
+            seen, clock, count, seed, engine=engine, progress=progress
+        )
+    if found.shares.min() < SEEN:
+        _refuse(
+            count,
+            "more",
+            f"they do not show_visible_poses {seen.names[int(found.shares.argmin())]}",
+        )
+    problem, _ = problem_of(replace(aim, terms=()), table, at_sensor, clock)
+    plan = timed(found, problem, still.axes)
+    up = still.up(plan.angles)
+    if output:
+        folder = make_folder(output)
+        write_plan(plan, scenario, up, folder)
+        poses = poses_of_plan(plan, up, scenario)
+        page, table_shown = folder / "report.html", table_in(poses, scenario)
+        missing = by_need(found)
+        write_visible_poses(found, plan, page, scenario.name, poses, table_shown, missing)
+    if as_json:
+        print_json(plan.to_json() | summary(found))
+    else:
+        say(printable(plan, up))
+        show_visible_poses(found)
+    return 0
+
+
+def show_visible_poses(found: MaxMin) -> None:
+    """Print the shares, their bounds, and the effects that stay invisible."""
+    seen = found.seen
+    rows = [
+        [name, f"{share:.3f}", "poses"]
+        for name, share in zip(seen.names, found.shares, strict=True)
+    ]
+    rows += [[name, f"{share:.3f}", "order"] for name, share in found.in_order.items()]
+    print_table(["effect", "share of the best possible", "shown by"], rows)
+    paragraph(
+        f"least share {found.shares.min():.4f}; no design exceeds {found.bounds[0]:.4f}, none that"
+        f" keeps {100 * REQUIRED:g} % of the linear D-efficiency {found.bounds[1]:.4f} (convex"
+        f" bounds over a dense set of poses; references within {100 * found.reference_gap:.2f} %);"
+        f" D-efficiency of the linear terms {100 * found.efficiency:.2f} %"
+    )
+    ordinary = ", ".join(seen.ordinary) or "none"
+    paragraph(f"absorbed by bias, scale and cross-axis terms: {ordinary}")
+    paragraph("not visible in any sequence of dwells here:")
+    for needs, names in by_need(found).items():
+        paragraph(f"  {', '.join(names)}: needs {needs}")
+
+
+def by_need(found: MaxMin) -> dict[str, list[str]]:
+    """Effects that neither the poses nor their order show_visible_poses, by what excites them."""
+    excited: dict[str, list[str]] = {}
+    for name in unseen(found):
+        excited.setdefault(CATALOGUE[name.split()[0]].excited_by, []).append(name)
+    return excited
+
+
+def unseen(found: MaxMin) -> list[str]:
+    """Effects that neither the poses nor their order show_visible_poses."""
+    seen = found.seen
+    return sorted({*seen.unseen, *seen.in_order} - {*found.in_order, *seen.names, *seen.ordinary})
+
+
+def timed(found: MaxMin, problem: Problem, axes: tuple[str, ...]) -> Plan:
+    """The poses with equal dwells that fill the budget.
+
+    Raises:
+        TiltcalError: the budget is too short.
+    """
+    clock = problem.clock
+    _check_budget(clock, clock.budget - float(clock.spare(found.angles)), len(found.angles))
+    return Plan(
+        problem, found.angles, problem.dwells(found.angles, np.zeros(len(found.angles))), axes, {}
+    )
+
+
+def _refuse(count: int, need: str, why: str) -> None:
+    raise TiltcalError(
+        "design --all-effects-observable",
+        found=f"{count} poses",
+        need=f"{need}: {why}",
+        do="allow more poses",
+    )
+
+
+def _check_budget(clock: Clock, needed: float, count: int) -> None:
+    """Refuse a budget that is too short for the poses."""
+    if needed > clock.budget:
+        raise TiltcalError(
+            "design, budget",
+            found=f"{clock.budget:g} s",
+            need=f"{needed:.0f} s or more for {count} poses",
+            do="raise --budget-s",
+        )
+
+
+def summary(found: MaxMin) -> dict[str, object]:
+    """The shares and bounds as JSON."""
+    return {
+        "shares": dict(zip(found.seen.names, map(float, found.shares), strict=True)),
+        "in_order": found.in_order,
+        "least_share": float(found.shares.min()),
+        "bound": found.bounds[0],
+        "bound_at_d_efficiency": found.bounds[1],
+        "reference_gap": found.reference_gap,
+        "d_efficiency": found.efficiency,
+        "taken_up": list(found.seen.ordinary),
+        "unseen": unseen(found),
+    }
+
+
+def design_separating_block(
+    split: Path,
+    scenario_file: Path | None,
+    wanted: Separation,
+    table: TableTime,
+    engine: Engine | None,
+    output: Path | None,
+    as_json: bool,
+) -> int:
+    """Propose the block that separates the alternatives of the diagnosis ``split``.
+
+    Raises:
+        TiltcalError: the scenario, the diagnosis or its recordings are missing.
+    """
+    described = wanted.diagnosed or scenario_file
+    if described is None:
+        raise TiltcalError(
+            "command line of `tiltcal design`",
+            found="--split without a scenario",
+            need="the scenario that was diagnosed",
+            do="add --scenario TOML",
+        )
+    scenario = honest_scenario(described)
+    diagnosis = read_diagnosis(split)
+    amended = require_file(split.with_name("amended.toml"), "amended scenario")
+    data = [read_recording(p) for p in _recordings_of(diagnosis, split, wanted.recordings)]
+    limits = Limits(
+        table.budget_s / 60,
+        table.rate_deg_s,
+        table.dwell_s[0],
+        axis_limits(table.angles),
+        wanted.rate_mm_s,
+    )
+    with progress_line() as progress:
+        amended_table = read_toml(amended, "amended scenario", AMENDED)
+        plan = next_block(scenario, data, diagnosis, amended_table, limits, progress, engine)
+    if output:
+        _write(plan, scenario, make_folder(output))
+    _show(plan, scenario.rig, output, as_json)
+    return 0 if plan.proposal is not None else 1
+
+
+def _write(plan: NextBlock, scenario: Scenario, folder: Path) -> None:
+    write_json(folder / "next_block.json", plan.to_json())
+    poses: list[Pose] = []
+    if plan.proposal is not None:
+        steps = plan.proposal.block.steps
+        write_text(folder / "sequence.csv", sequence_text(steps, scenario.rig))
+        poses = poses_of_steps(steps, scenario, "proposed block")
+    table = table_in(poses, scenario)
+    write_separating_block(plan, folder / "report.html", scenario, scenario.name, poses, table)
+
+
+def _show(plan: NextBlock, rig: Rig, output: Path | None, as_json: bool) -> None:
+    if as_json:
+        print_json(plan.to_json())
+        return
+    if output:
+        paragraph(plan.statement)
+    else:
+        tell(plan.statement)
+    if plan.proposal is not None and not output:
+        say(sequence_text(plan.proposal.block.steps, rig).rstrip("\n"))
+
+
+def _recordings_of(diagnosis: dict[str, Any], path: Path, given: Sequence[Path]) -> list[Path]:
+    """The recordings that were diagnosed: the given ones, or those the diagnosis names.
+
+    Raises:
+        TiltcalError: neither names any.
+    """
+    if given:
+        return list(given)
+    named = [Path(p) for p in diagnosis.get("recordings", [])]
+    if not named:
+        raise TiltcalError(
+            f"diagnosis {path.name}",
+            found="no recordings in it",
+            need="those that were diagnosed",
+            do="add --recordings REC ...",
+        )
+    return named

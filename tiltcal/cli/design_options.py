@@ -1,5 +1,8 @@
-"""The options of ``tiltcal design``, by topic."""
+"""The options of ``tiltcal design``, by topic; ``--angles AXIS=LOW:HIGH`` serves ``investigate``
+too.
+"""
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -7,6 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.options import SEVERAL, WHOLE, AxisLimits, Grade, between
+from tiltcal.core.errors import TiltcalError
 from tiltcal.design.recording_blocks import SLIDE_RATE
 
 
@@ -27,7 +31,7 @@ class Aim:
     textbook: Annotated[
         str | None,
         Parameter(
-            help="Textbook polynomial in place of the product's own terms: linear, K2, K2K3,"
+            help="Textbook polynomial instead of the product's own terms: linear, K2, K2K3,"
             " quadratic or cubic."
         ),
     ] = None
@@ -106,15 +110,58 @@ class Separation:
     ] = ()
 
 
-BlindToNothing = Annotated[
+AllEffectsObservable = Annotated[
     int | None,
     WHOLE,
     Parameter(
+        alias="--blind-to-nothing",  # its name up to 0.1
         help="Find this many poses for which the least visible effect is as visible as possible."
-        " Effects: all that this table and sensor can have, or those of --terms."
+        " Effects: all that this table and sensor can have, or those of --terms.",
     ),
 ]
 Split = Annotated[
     Path | None,
     Parameter(help="Propose the block that separates the alternatives of this diagnosis.json."),
 ]
+
+
+LARGEST = 3600.0  # deg; mm of an axis that slides
+
+
+def axis_limits(
+    texts: Sequence[str], axes: Collection[str] | None = None
+) -> dict[str, tuple[float, float]]:
+    """Lowest and highest readout of each named axis, deg, or mm where it slides.
+
+    Args:
+        texts: values of the option.
+        axes: the axes of the table, where they are known.
+
+    Raises:
+        TiltcalError: a text is not AXIS=LOW:HIGH, or the table has no such axis.
+    """
+    return dict(_limit(text, axes) for text in texts)
+
+
+def _limit(text: str, axes: Collection[str] | None) -> tuple[str, tuple[float, float]]:
+    axis, _, span = text.partition("=")
+    low, _, high = span.partition(":")
+    try:
+        limit = (float(low), float(high))
+    except ValueError:
+        limit = (1.0, 0.0)
+    if not axis or not -LARGEST <= limit[0] <= limit[1] <= LARGEST:
+        raise TiltcalError(
+            f"--angles {text}",
+            found="no AXIS=LOW:HIGH",
+            need="an axis and two angles in deg, such as outer=-45:45",
+            do="correct it",
+        )
+    if axes is not None and axis not in axes:
+        raise TiltcalError(
+            f"--angles {text}",
+            found=f"no axis {axis} in this table",
+            need=f"an axis among {', '.join(axes)}",
+            do="correct it",
+        )
+    return axis, limit

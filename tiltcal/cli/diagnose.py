@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from tiltcal.api.diagnosing import explain, honest_scenario, results_json, write_results
 from tiltcal.cli.options import DEFAULT_BUDGET, DescribedBy, Json, MoreBudget
 from tiltcal.cli.output import paragraph, print_json, progress_line
-from tiltcal.core.claimed_folder import claimed
+from tiltcal.core.files import claimed
 from tiltcal.diagnosis.diagnose import read_for_diagnosis, read_static
 
 

@@ -36,7 +36,7 @@ def effects(
     if word and not found:
         raise TiltcalError(
             f"effect '{word}'",
-            found="no effect with this word",
+            found="no effect with this keyword",
             need="an id or a search term",
             do=nearest(word, list(CATALOGUE)),
         )

@@ -12,7 +12,8 @@ from tiltcal.cli.options import DescribedBy, Json
 from tiltcal.cli.output import paragraph, print_json, tell
 from tiltcal.core.units import DEG
 from tiltcal.laboratory.scenario import load_scenario
-from tiltcal.recordings.recording_files import read_recording, require_suffix, write_recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.saving import require_suffix, write_recording
 from tiltcal.validation.online.estimators import make_estimator
 from tiltcal.validation.online.judging import feed, samples_of
 

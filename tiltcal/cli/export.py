@@ -108,7 +108,8 @@ def _firmware(found: Calibration, name: str, log: Path | None, vectors: Path | N
     from tiltcal.calibration.correction import setup_of
     from tiltcal.calibration.firmware.header import header
     from tiltcal.calibration.firmware.vectors import firmware_vectors
-    from tiltcal.recordings.recording_files import read_recording, write_recording
+    from tiltcal.recordings.recording_files import read_recording
+    from tiltcal.recordings.saving import write_recording
 
     recording = None if log is None else read_recording(log).require_increasing()
     text = header(found, setup_of(found), name, recording)
@@ -162,7 +163,8 @@ def _biases(path: Path | None) -> dict[str, Any]:
 
 def _recording(file: Path, output: Path | None, as_json: bool) -> int:
     from tiltcal.recordings.formats.mcap_writer import write_mcap
-    from tiltcal.recordings.recording_files import read_recording, write_recording
+    from tiltcal.recordings.recording_files import read_recording
+    from tiltcal.recordings.saving import write_recording
 
     if output is None:
         raise TiltcalError(

@@ -13,11 +13,11 @@ from tiltcal.cli.output import print_json, require_output, say, tell
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
 from tiltcal.recordings.foreign_files import Imported, import_file
-from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.mcap_writer import write_mcap
 from tiltcal.recordings.import_checks import Finding
 from tiltcal.recordings.mapping import REPAIRS, Mapping, load_mapping
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 
 
 def import_log(
@@ -80,7 +80,7 @@ def import_log(
     """
     if scenario is not None:
         return _parameters(file, scenario, output, as_json)
-    budget = Budget(memory_gb)
+    budget = ReadBudget(memory_gb)
     if propose:
         return _propose(file, budget, output, as_json)
     if mapping is None or output is None:
@@ -128,7 +128,7 @@ def _with_repairs(mapping: Mapping, wanted: Sequence[str]) -> Mapping:
     return mapping.model_copy(update={"repair": (*mapping.repair, *names)})
 
 
-def _propose(file: Path, budget: Budget, output: Path | None, as_json: bool) -> int:
+def _propose(file: Path, budget: ReadBudget, output: Path | None, as_json: bool) -> int:
     from tiltcal.recordings.proposal.propose import propose_mapping
 
     proposal = propose_mapping(file, budget)

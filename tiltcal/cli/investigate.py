@@ -9,12 +9,11 @@ from cyclopts import Group, Parameter
 
 from tiltcal.api.diagnosing import explain, honest_scenario, write_results
 from tiltcal.api.table_scene import table_in
-from tiltcal.cli.axis_limits import axis_limits
+from tiltcal.cli.design_options import axis_limits
 from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, EngineName, Jobs, Json
 from tiltcal.cli.output import paragraph, print_json, progress_line, tell
-from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import require_file
+from tiltcal.core.files import claimed, require_file
 from tiltcal.core.progress import Progress
 from tiltcal.core.tasks.engines import shared_engine
 from tiltcal.design.recording_blocks import SLIDE_RATE

@@ -12,7 +12,7 @@ from tiltcal.cli.output import print_json, progress_line
 from tiltcal.effects import to_file
 from tiltcal.laboratory.scenario import Scenario, fresh, load_scenario
 from tiltcal.laboratory.scenario_tables import EffectTable
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.setup.sequence_files import read_sequence
 
 
@@ -24,9 +24,7 @@ def lab(
     recording_file: Annotated[Path, Parameter("RECORDING", help="File of the recording.")],
     /,
     *,
-    seed: Annotated[
-        int | None, SEED, Parameter(help="Seed in place of the scenario's own.")
-    ] = None,
+    seed: Annotated[int | None, SEED, Parameter(help="Seed instead of the scenario's own.")] = None,
     budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:

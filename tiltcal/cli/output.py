@@ -17,8 +17,8 @@ from textwrap import fill
 from typing import IO, Any
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.plain_text import plain
 from tiltcal.core.progress import Progress, silent
+from tiltcal.core.safe_text import plain
 
 PADDING = {1: (0, 0, 0, 0), 2: (0, 1, 0, 0), 3: (0, 1, 0, 1)}  # by the gap between columns
 SILENCE_S = 2.5  # after which progress says again what is being done

@@ -121,9 +121,9 @@ def _tests_folder(trials: Path | None) -> Path:
     if tests is None or not (tests / "blind" / "__main__.py").is_file():
         raise TiltcalError(
             "blind trials",
-            found=f"no folder blind in {tests or 'any tests folder beside the package'}",
-            need="the folder tests/blind of the source",
-            do="run in a source checkout, or name its tests folder with --trials",
+            found=f"no folder blind in {tests}" if tests else "an installation without them",
+            need="the folder tests/blind of a source checkout",
+            do="run `make setup` and .venv/bin/tiltcal there, or add --trials CHECKOUT/tests",
         )
     return tests.absolute()
 

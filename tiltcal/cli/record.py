@@ -10,7 +10,7 @@ from tiltcal.cli.output import print_json
 from tiltcal.cli.serve import address
 from tiltcal.core.files import require_file
 from tiltcal.laboratory.serve.client import SequenceRecorder, TableClient
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.setup.sequence_files import read_sequence
 from tiltcal.setup.tables import add_axes
 

@@ -19,7 +19,7 @@ def segments(
     recording: Annotated[Path, Parameter("REC", help="Recording to search.")],
     /,
     *,
-    window: Annotated[float, Parameter(help="Duration over which rest is judged, s.")] = 0.5,
+    window: Annotated[float, Parameter(help="Duration over which standstill is judged, s.")] = 0.5,
     output: Annotated[
         Path | None, Parameter(alias="-o", help="File of the list, CSV; stdout if not given.")
     ] = None,

@@ -15,8 +15,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario
-from tiltcal.laboratory.serve.mechanics import MechanicalLaboratory
-from tiltcal.laboratory.serve.rate_table import RateTable
+from tiltcal.laboratory.serve.rate_table import MechanicalLaboratory, RateTable
 from tiltcal.laboratory.serve.server import Server, Wires
 
 PORT = Parameter(converter=WHOLE.converter, validator=between(0, 65535))
@@ -40,9 +39,7 @@ def serve(
     noise: Annotated[
         Literal["on", "off"], Parameter(help="off: no random effects, no quantisation.")
     ] = "on",
-    seed: Annotated[
-        int | None, SEED, Parameter(help="Seed in place of the scenario's own.")
-    ] = None,
+    seed: Annotated[int | None, SEED, Parameter(help="Seed instead of the scenario's own.")] = None,
     as_json: Json = False,
 ) -> int:
     """Serve a simulated rate table and its instrument over TCP.

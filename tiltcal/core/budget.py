@@ -15,7 +15,7 @@ HOURS = "TILTCAL_ALLOW_HOURS"
 
 
 @dataclass(frozen=True)
-class Budget:
+class WorkBudget:
     """What the work of one command may take.
 
     Args:
@@ -29,7 +29,7 @@ class Budget:
     hours: float = 240.0
 
     @classmethod
-    def allowed(cls) -> "Budget":
+    def allowed(cls) -> "WorkBudget":
         """That of this process: the default, or what was allowed."""
         base = cls()
         return cls(
@@ -86,7 +86,7 @@ def require_within(
     Raises:
         TiltcalError: stating the rows, the bytes and the seconds that it would be.
     """
-    budget = Budget.allowed()
+    budget = WorkBudget.allowed()
     over = [
         (rows > budget.rows, f"--allow-rows {rows:.0f}", f"{budget.rows:g} rows"),
         (

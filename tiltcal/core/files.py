@@ -1,4 +1,6 @@
-"""Reading and writing files so that nothing is lost: whole or not at all."""
+"""Reading and writing files so that nothing is lost: whole or not at all, and one run at a time
+in a folder of results.
+"""
 
 import json
 import os
@@ -64,7 +66,7 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         with _explained(path, "a folder that can be written"):
             temporary.touch(exist_ok=False)
-        with _explained(path, "room and permission to write"):
+        with _explained(path, "free space and permission to write"):
             yield temporary
             os.replace(temporary, path)
     finally:
@@ -113,7 +115,7 @@ def _explained(path: Path, need: str) -> Iterator[None]:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise TiltcalError(
-            f"output {path}", found=reason, need=need, do="choose another place"
+            f"output {path}", found=reason, need=need, do="choose another location"
         ) from error
 
 
@@ -171,6 +173,55 @@ def make_folder(path: Path) -> Path:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise TiltcalError(
-            f"output {path}", found=reason, need="a folder", do="choose another place"
+            f"output {path}", found=reason, need="a folder", do="choose another location"
         ) from error
     return path
+
+
+@contextmanager
+def claimed(folder: Path | None) -> Iterator[None]:
+    """Hold a folder, made if there is none, so that no second run writes into it; a folder that
+    was made here and is still empty goes again. None: nothing to hold.
+
+    The hold is one of the operating system on the folder itself: it leaves no file, and ends with
+    the process however that ends. Where the system has none, nothing is held.
+
+    Raises:
+        TiltcalError: another run holds it, or it cannot be made.
+    """
+    if folder is None:
+        yield
+        return
+    made = [p for p in (folder, *folder.parents) if not os.path.lexists(p)]
+    handle = _held(make_folder(folder))
+    try:
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+        with suppress(OSError):  # the first that is not empty stays, and those above it
+            for empty in made:
+                empty.rmdir()
+
+
+def _held(folder: Path) -> int | None:
+    """The folder opened and held."""
+    try:
+        from fcntl import LOCK_EX, LOCK_NB, flock
+    except ImportError:  # no such holds here
+        return None
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        flock(handle, LOCK_EX | LOCK_NB)
+    except BlockingIOError as error:
+        os.close(handle)
+        raise TiltcalError(
+            f"output {folder}",
+            found="another run that writes into it",
+            need="a folder for each run",
+            do="wait for that run, or choose another folder",
+        ) from error
+    except OSError:  # a file system without holds
+        os.close(handle)
+        return None
+    return handle

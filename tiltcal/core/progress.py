@@ -110,7 +110,7 @@ class Stages:
         self._part = done
         self._tell()
 
-    def still(self, detail: str) -> None:
+    def status(self, detail: str) -> None:
         """The stage goes on; how much of it is done is not known. ``detail``: what was reached."""
         self._detail = detail
         self._tell()

@@ -201,7 +201,7 @@ def classes(found: Confusion) -> list[tuple[str, ...]]:
 def tie_breaker(first: str, second: str) -> str:
     """What to record to split two rivals."""
     one, other = CATALOGUE[first], CATALOGUE[second]
-    known = one.told_apart_by.get(second) or other.told_apart_by.get(first)
+    known = one.distinguished_by.get(second) or other.distinguished_by.get(first)
     if known is not None:
         return said(known) if known in WORDS else known
     return STAGE_BREAKERS.get(frozenset({one.stage, other.stage}), said("repeat"))

@@ -4,14 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
 
 WORDS = {
     "circle": "go once round with {axis}: whole circles separate what a part of one mixes",
-    "along": "dwell at places all along the range of {axis}",
-    "reverse": "approach the same places of {axis} from both sides",
+    "along": "dwell at angles all along the range of {axis}",
+    "reverse": "approach the same angles of {axis} from both sides",
     "tumble": "add poses all over the sphere, with two axes loaded at 45 deg among them",
     "flip": (
         "take the same body attitudes in both ways that the table can: table errors stay with the"
@@ -20,7 +20,7 @@ WORDS = {
     "spin": "turn {axis} round at two rates, both ways",
     "ramp": "move {axis} over the same way at several rates, with sharp stops",
     "far": "dwell long at the ends of the range of {axis}",
-    "rest": "rest for a while without moving",
+    "rest": "stand still for a while",
     "slow": "move {axis} slowly over its range",
     "repeat": "repeat the poses of the first recording in the opposite order",
     "remount": (

@@ -71,7 +71,7 @@ def search(
         seed: of the paths.
         effort: how much is tried.
         notice: told what goes on, and how long it takes.
-        engine: where drafts are improved; this process if not given. The design is the same.
+        engine: where drafts are local_search; this process if not given. The design is the same.
     """
     rng, stages = np.random.default_rng(seed), Stages(notice, effort.shares)
     drafts = [problem.rated(d.angles, d.z) for d in starts]

@@ -211,8 +211,8 @@ def catalogue_signatures(
     ordinary = _taken(every, allowed)
     if len(ordinary) == len(every.names):
         raise TiltcalError(
-            f"design --blind-to-nothing, table {still.scenario.rig.table}",
-            found="no effect that these poses show beside bias, scale and cross-axis terms",
+            f"design --all-effects-observable, table {still.scenario.rig.table}",
+            found="no effect that these poses show in addition to bias, scale and cross-axis terms",
             need="at least one",
             do="name others as --terms, or widen --angles",
         )

@@ -16,7 +16,7 @@ from tiltcal.core.units import DEG
 from tiltcal.design.plan import Plan
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.pose_schemes import label_of
-from tiltcal.setup.schedule_builder import move_time
+from tiltcal.setup.schedule import move_time
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.sequence_files import sequence_columns
 from tiltcal.setup.tables import angle_key

@@ -35,8 +35,7 @@ from tiltcal.recordings.pieces import estimated_rows
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.span_means import LONGEST, spans_of
-from tiltcal.statistics.noise_spectrum import NoiseModel
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import NoiseModel, WhiteFlickerWalk
 
 Search = Callable[[PreparedData], Explained]
 """From data, with the columns of all hypotheses, to the most probable explanation."""
@@ -92,7 +91,7 @@ def diagnose(
         stages.begin(READING)
         prepared = _prepared(scenario, given, noise)
         if not testable(prepared):
-            return _saying(untested(prepared), every)
+            return _with_reading_notes(untested(prepared), every)
         stages.begin(SIGNATURES)
         lines = spectral_lines_of(prepared.observations, prepared.start)
         whole = prepared.observations
@@ -109,12 +108,12 @@ def diagnose(
                 prepared,
                 lines,
                 at_rest,
-                lambda n: stages.still(f"{n} in the model"),
+                lambda n: stages.status(f"{n} in the model"),
                 lambda: stages.begin(ALTERNATIVES),
             )
         stages.begin(ANSWER)
         answer, amended = answered(prepared, said)
-        answer = _saying(answer, every)
+        answer = _with_reading_notes(answer, every)
         return answer if laboratory is None else simulated(answer, laboratory, whole, amended)
 
 
@@ -130,10 +129,10 @@ def read_for_diagnosis(
     if estimated_rows(path) <= LONGEST:
         return read_recording(path)
     if not scenario.rig.axes:
-        return read_beginning(path, "recordings by hand are not averaged")
+        return read_beginning(path, "hand-held recordings are not averaged")
     spans = spans_of(path, AVERAGES)
     if spans is None:
-        return read_beginning(path, "coarse codes are not averaged")
+        return read_beginning(path, "coarsely quantised readings are not averaged")
     with one_thread(), determining(path.name, "how it differs"):
         return read_long(path, scenario, spans, _kept, progress)
 
@@ -171,7 +170,7 @@ def _prepared(
     return replace(prepared, left_out=left_out, notes=(*prepared.notes, *told))
 
 
-def _saying(answer: Diagnosis, given: Sequence[LongRecording]) -> Diagnosis:
+def _with_reading_notes(answer: Diagnosis, given: Sequence[LongRecording]) -> Diagnosis:
     """The answer with how its recordings were read."""
     words = [f"{r.said[0].upper()}{r.said[1:]}." for r in given if r.said]
     return replace(answer, statement=" ".join([answer.statement, *words])) if words else answer

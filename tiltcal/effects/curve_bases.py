@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.statistics.cardinal_splines import cardinal_splines
+from tiltcal.statistics.splines import cardinal_splines
 
 
 def harmonics_of(u: Array, order: int, count: int, pace: float) -> Array:

@@ -138,7 +138,7 @@ def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
         return Jet(drive.elapsed, one, 0 * one)
     if name == "speed":
         return _speed(drive)
-    rests = Rests.told(drive.rests, drive.time, drive.stop)
+    rests = Rests.at(drive.rests, drive.time, drive.stop)
     if name == "moves":
         return Jet(rests.moves(drive.time), 0 * one, 0 * one)
     since = rests.since if name == "since_move" else rests.since_start

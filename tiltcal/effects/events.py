@@ -11,7 +11,7 @@ from tiltcal.effects.learned import Learned
 AGO = 1e9  # s: long before any recording's first stamp
 
 
-def as_met(effects: Sequence[Effect], recording: str) -> list[Effect]:
+def active_in(effects: Sequence[Effect], recording: str) -> list[Effect]:
     """The effects as a recording of this fingerprint meets them: events of earlier recordings are
     over, those of later ones are still to come.
     """

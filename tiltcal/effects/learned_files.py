@@ -165,7 +165,7 @@ def _where(
             raise TiltcalError(
                 subject,
                 found=f"coordinate '{coordinate}', axis {axis}",
-                need="coordinate 'time' and no axis: all channels of a sensor are late together",
+                need="coordinate 'time' and no axis: all channels of a sensor lag together",
                 do="correct it",
             )
         return "", ""

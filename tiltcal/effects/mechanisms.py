@@ -10,8 +10,8 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.setup.loads import Loads, Mass
 from tiltcal.setup.setup import Rig, Setup
+from tiltcal.setup.tables import up_in_body
 from tiltcal.setup.trajectory import Drive, Jet
-from tiltcal.setup.upright import up_in_body
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ class Sense:
 
     @property
     def _rests(self) -> Rests:
-        return Rests.told(
+        return Rests.at(
             self.rests,
             self.time,
             np.zeros(len(self.time), np.intp) if self.stop is None else self.stop,

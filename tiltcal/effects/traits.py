@@ -60,8 +60,6 @@ class Traits:
     """It may act at several shapes at once: findings at further shapes belong to the first."""
     alike_on_axes: ClassVar[bool] = False
     """All axes of the table have it alike: findings on further axes belong to the first."""
-    nonlinear_in_input: ClassVar[bool] = False
-    """An additive function of its channel's own input; within 1 g such functions are much alike."""
     products_of: ClassVar[str] = ""
     """An input, ``force`` or ``rate``: the name holds for products of two of its components too."""
     harmonic: ClassVar[int] = 0
@@ -110,7 +108,7 @@ class Traits:
     """Coordinate that it follows, where its needs do not say so; ``{innermost}`` stands for the
     innermost table axis.
     """
-    told_apart_by: ClassVar[Mapping[str, str]] = {}
+    distinguished_by: ClassVar[Mapping[str, str]] = {}
     """What to record to tell it from another id: a kind of block, or a phrase."""
 
     @classmethod

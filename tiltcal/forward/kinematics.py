@@ -21,7 +21,7 @@ from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, LinkEffect, W
 from tiltcal.effects.loads import masses_of
 from tiltcal.effects.mechanisms import Context, Ring, Turn, World
 from tiltcal.effects.streams import Streams, no_streams
-from tiltcal.setup.chain import Place
+from tiltcal.setup.chain import LinkFrame
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import bearing
 from tiltcal.setup.trajectory import Drive, Jet, Motion
@@ -230,7 +230,7 @@ class _Link:
             target[:] = [component + change[:, i] for i, component in enumerate(target)]
             target[2] = target[2] + own
 
-    def fixed(self, place: Place) -> None:
+    def fixed(self, place: LinkFrame) -> None:
         """Pass to a frame that is fixed on this link."""
         self.offset(place.offset)
         for u in self.carried:

@@ -10,7 +10,7 @@ from tiltcal import __version__
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect, WritingEffect
-from tiltcal.effects.events import as_met
+from tiltcal.effects.events import active_in
 from tiltcal.effects.sense import Sense
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import CONVERSION, Mover, readings, streams_of
@@ -83,7 +83,7 @@ class SimulatedLaboratory:
     def record(self, scenario: Scenario, seed: int | None = None) -> Recording:
         """A recording of the scenario's sequence."""
         course, stamps = self._sampled(scenario, seed)
-        effects = as_met(scenario.effects, NEW)
+        effects = active_in(scenario.effects, NEW)
         changes = first_stamps(scenario, stamps)
         return self._recorded(scenario, course, whole(stamps), effects, seed, changes)
 
@@ -92,7 +92,7 @@ class SimulatedLaboratory:
         in one piece.
         """
         course, stamps = self._sampled(scenario, seed, in_parts=True)
-        effects = as_met(scenario.effects, NEW)
+        effects = active_in(scenario.effects, NEW)
         changes = first_stamps(scenario, stamps)
         if not goes_in_pieces(scenario, stamps):
             require_recordable(scenario)
@@ -170,7 +170,7 @@ class SimulatedLaboratory:
             by_others: by hand, predict each sensor from the others alone. Otherwise its own
                 readings count as well, which leaves less noise but follows its errors.
         """
-        effects = as_met(scenario.effects, motion.fingerprint)
+        effects = active_in(scenario.effects, motion.fingerprint)
         if not scenario.rig.axes:
             by_hand = predicted_readings if by_others else smoothed_readings
             values = by_hand(scenario, motion.require_increasing(), effects)

@@ -15,7 +15,7 @@ from tiltcal.core.optional_library import library
 from tiltcal.effects.base import Effect, FrameEffect
 from tiltcal.effects.file_values import number_of
 from tiltcal.effects.parameter import by_name
-from tiltcal.laboratory.fixed_effects import why_not
+from tiltcal.laboratory.own_model import why_not
 from tiltcal.laboratory.scenario import Scenario
 
 BEYOND = 100.0  # bounds over the largest plausible size, and over the value

@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.effects import CATALOGUE, Effect, make_effect
-from tiltcal.laboratory.model_words import ModelWords, with_links
+from tiltcal.laboratory.own_model import ModelWords, with_links
 from tiltcal.laboratory.random_instrument import draw_instrument
 from tiltcal.laboratory.scenario_tables import (
     Dynamics,
@@ -21,9 +21,8 @@ from tiltcal.laboratory.scenario_tables import (
     MethodTable,
     SourceTable,
 )
-from tiltcal.setup.part import Part
-from tiltcal.setup.schedule import Schedule
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.part import StrictTable
+from tiltcal.setup.schedule import Schedule, build_schedule
 from tiltcal.setup.sequence import Climate, Step
 from tiltcal.setup.setup import Setup
 
@@ -257,7 +256,7 @@ def _fields_at(location: tuple[Any, ...]) -> list[str]:
         if not models:
             return []
         model = models[0]
-    return model.keys() if issubclass(model, Part) else list(model.model_fields)
+    return model.keys() if issubclass(model, StrictTable) else list(model.model_fields)
 
 
 def _arguments(annotation: Any) -> list[Any]:

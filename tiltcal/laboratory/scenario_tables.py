@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from tiltcal.setup.part import Part
+from tiltcal.setup.part import StrictTable
 
 
 class EffectTable(BaseModel):
@@ -44,7 +44,7 @@ class SourceTable(BaseModel):
     distribution: Literal["normal", "rectangular", "expanded"] = "normal"
 
 
-class Dynamics(Part):
+class Dynamics(StrictTable):
     """A run by time steps instead of prescribed motion: the servo follows, the structure rings.
 
     Args:
@@ -62,7 +62,7 @@ class Dynamics(Part):
     hand_torque_N_m: Annotated[float, Field(ge=0)] = 0.1
 
 
-class Accept(Part):
+class Accept(StrictTable):
     """What a method has to reach, over all its runs. Bands are computed from statistics; the
     numbers here are choices, not tolerances.
 
@@ -87,7 +87,7 @@ class Accept(Part):
     quantile: Annotated[float, Field(gt=0, lt=1)] = 0.95
 
 
-class MethodTable(Part):
+class MethodTable(StrictTable):
     """One ``[[method]]``: which algorithm, how often, and what it has to reach."""
 
     name: str | None = None
@@ -109,7 +109,7 @@ class MethodTable(Part):
         return self.name or " ".join(self.command or ())
 
 
-class AcceptOnline(Part):
+class AcceptOnline(StrictTable):
     """What an estimator that is fed sample by sample has to reach; its tilt error is the angle
     between true and found up.
 
@@ -131,7 +131,7 @@ class AcceptOnline(Part):
     answered: Annotated[float, Field(ge=0, le=1)] = 1.0
 
 
-class EstimatorTable(Part):
+class EstimatorTable(StrictTable):
     """One ``[[estimator]]``: an algorithm that runs sample by sample.
 
     Args:
@@ -156,7 +156,7 @@ class EstimatorTable(Part):
             raise ValueError("give either name or command")
         if self.calibrate is not None and self.command is not None:
             raise ValueError(
-                "a command gets no calibration: export it, or pass it as one of its words"
+                "a command gets no calibration: export it, or pass it as one of its arguments"
             )
         return self
 

@@ -12,7 +12,7 @@ from tiltcal.forward.gravity_transport import EDGE
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import dwells, find_segments
 from tiltcal.setup.sensor import Sensor
-from tiltcal.statistics.projection import column_space
+from tiltcal.statistics.least_squares import column_space
 
 
 def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None) -> Array:

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
-from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.samples import Labels
+from tiltcal.recordings.samples import Columns, Labels
 
 
 def to_numpy(column: Any, number: bool) -> Array | Labels:
@@ -43,7 +42,7 @@ def _buffer(column: Any, null: float) -> Any:
 
 
 def arrow_table(
-    recording: Recording, names: Sequence[str], written: Callable[[str], str] = str
+    recording: Columns, names: Sequence[str], written: Callable[[str], str] = str
 ) -> Any:
     """These columns of a recording as an Arrow table: numbers, null for NaN, and text.
 

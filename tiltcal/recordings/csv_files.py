@@ -11,12 +11,11 @@ from typing import IO, Any
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.csv_cells import cell_of, comment_of, text_of
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.safe_text import cell_of, comment_of, text_of
 from tiltcal.core.units import split_unit
 from tiltcal.recordings.arrow_columns import arrow_table, to_numpy
-from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.samples import Labels
+from tiltcal.recordings.samples import Columns, Labels
 
 MOST_COLUMNS = 4096
 HEAD = 1 << 18  # bytes that tell how long a line is
@@ -201,20 +200,20 @@ def _reads_as_number(cell: str) -> bool:
     return "_" not in cell
 
 
-def write_csv_file(recording: Recording, path: Path) -> None:
+def write_csv_file(recording: Columns, path: Path) -> None:
     """Write a recording as CSV."""
     with path.open("wb") as out:
         write_csv(recording, out)
 
 
-def write_csv(recording: Recording, out: IO[bytes]) -> None:
+def write_csv(recording: Columns, out: IO[bytes]) -> None:
     """Write a recording as CSV into an open binary file."""
     with csv_writer(out) as write:
         write(recording)
 
 
 @contextmanager
-def csv_writer(out: IO[bytes]) -> Iterator[Callable[[Recording], None]]:
+def csv_writer(out: IO[bytes]) -> Iterator[Callable[[Columns], None]]:
     """What appends pieces of a recording to an open binary file, each with the columns of the
     first.
     """
@@ -222,7 +221,7 @@ def csv_writer(out: IO[bytes]) -> Iterator[Callable[[Recording], None]]:
 
     names: list[str] = []
 
-    def write(piece: Recording) -> None:
+    def write(piece: Columns) -> None:
         if not names:
             names.extend(piece.written_names)
             write_head(out, piece.metadata, names)

@@ -13,13 +13,13 @@ from pydantic import Field
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import make_folder, replacing
 from tiltcal.core.optional_library import library
-from tiltcal.setup.part import Part
+from tiltcal.setup.part import StrictTable
 
 LIST = Path(__file__).parent / "datasets.toml"
 _RAW = "https://raw.githubusercontent.com"
 
 
-class PublishedFile(Part):
+class PublishedFile(StrictTable):
     """A file and the digest of its content."""
 
     name: str
@@ -27,7 +27,7 @@ class PublishedFile(Part):
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
-class Dataset(Part):
+class Dataset(StrictTable):
     """A published recording.
 
     ``commit`` is stated as far as it is known; without ``folder`` the place in the repository is
@@ -153,5 +153,5 @@ def _other_file(dataset: Dataset, file: PublishedFile, place: str) -> TiltcalErr
         f"data set {dataset.name}, {file.name}",
         found=f"another content at {place}",
         need=f"SHA-256 {file.sha256}",
-        do="fetch it again, or from another place with --from",
+        do="fetch it again, or from another address with --from",
     )

@@ -1,19 +1,182 @@
-"""Rate and acceleration of a readout: by the local polynomials that its noise allows, and beside a
-rest by the motion out of it.
+"""Rate and acceleration of a readout: by the local polynomials that its noise allows, and after a
+standstill by the motion out of it.
+
+Each window of evenly sampled values is as long as its noise and its curvature make best; the noise
+of the readout and of its stamps is estimated from the readout itself.
 """
 
+from itertools import product
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
 
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
-from tiltcal.recordings.polynomial_windows import WIDTHS, by_best_windows, fits
-from tiltcal.recordings.readout_noise import noise_of_motion, noise_of_rests, noise_of_stamps
-from tiltcal.recordings.rest_edges import LOOSE, corners
+from tiltcal.core.quantisation import code_width
+from tiltcal.recordings.rest_edges import LOOSE, STRICT, corners
 from tiltcal.recordings.starting_courses import TURN
 from tiltcal.setup.pauses import stretches
+from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
-FEWEST = 9  # rows that a motion is told from
+DEGREES = (4, 6)  # of the local polynomials: a fast swing bends more than a quartic does
+# samples of them: those that leave no more than the readout's own noise
+WIDTHS = (5, 7, 9, 11, 15, 19, 25, 33, 41)
+AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate it tells
+BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
+
+
+def by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array, Array]:
+    """First and second derivative per sample, each from the polynomial of the window that is best
+    for it, and the expected squares of the errors of both, (n,) each.
+
+    That is the variance and the square of the bias, told from what a polynomial of two degrees
+    more has (Ruppert, J. Am. Stat. Assoc. 92, 1997). The narrowest window where none fits.
+
+    Args:
+        u: angle, rad. noise: of each sample, rad, (n,).
+    """
+    n = len(u)
+    told, error = _by_narrowest(u, noise)
+    narrowest = error.copy()
+    for row in _ends(n):  # no window is around them
+        error[:, row] = np.inf
+    kept = np.ones((2, n), bool)
+    fitting = {(w, d): fits(u, w, d, noise) for d, w in product(DEGREES, WIDTHS) if d + 1 < w < n}
+    for places in (AROUND, BESIDE):
+        wanted = np.ones((2, n), bool) if places is AROUND else error >= narrowest
+        for ((width, degree), fit), share in product(fitting.items(), places):
+            place = round(share * (width - 1))
+            rows = slice(place, n - width + 1 + place)
+            each = _weights(width, place, degree)
+            more = _weights(width, place, degree + 2) if width > degree + 3 else each
+            for k, weights in enumerate(each):
+                expected = float(weights @ weights) * noise[rows] ** 2
+                expected = expected + _bias(u, more[k] - weights, noise[rows])
+                better = fit & wanted[k, rows] & (expected < error[k, rows])
+                if better.any():
+                    found = np.convolve(u, weights[::-1], mode="valid")
+                    told[k, rows] = np.where(better, found, told[k, rows])
+                    error[k, rows] = np.where(better, expected, error[k, rows])
+                    kept[k, rows] &= ~better
+    v, a = told
+    squares, bending = np.where(kept, narrowest + _bias_of_narrowest(u, noise), error)
+    return v, a, squares, bending
+
+
+def _by_narrowest(u: Array, noise: Array) -> tuple[Array, Array]:
+    """First and second derivative per sample from the narrowest window around it, at the ends to
+    one side, and the variances of both, (2, n) each.
+    """
+    n, half = len(u), WIDTHS[0] // 2
+    told, variance = np.zeros((2, 2, n))
+    for k, weights in enumerate(_weights(WIDTHS[0], half, DEGREES[0])):
+        told[k, half : n - half] = np.convolve(u, weights[::-1], mode="valid")
+        variance[k] = float(weights @ weights) * noise**2
+    for row in _ends(n):
+        begin = 0 if row < half else n - WIDTHS[0]
+        for k, weights in enumerate(_weights(WIDTHS[0], row - begin, DEGREES[0])):
+            told[k, row] = float(weights @ u[begin : begin + WIDTHS[0]])
+            variance[k, row] = float(weights @ weights) * noise[row] ** 2
+    return told, variance
+
+
+def _bias_of_narrowest(u: Array, noise: Array) -> Array:
+    """Expected squares of what the narrowest windows are off where their polynomials bend too
+    little, (2, n).
+    """
+    n, half, beyond = len(u), WIDTHS[0] // 2, WIDTHS[1] // 2
+    if n < WIDTHS[1]:
+        return np.zeros((2, n))
+    narrow = np.pad(_weights(WIDTHS[0], half, DEGREES[0]), ((0, 0), (beyond - half,) * 2))
+    more = np.array(_weights(WIDTHS[1], beyond, DEGREES[1])) - narrow
+    squares = [_bias(u, weights, noise[beyond : n - beyond]) for weights in more]
+    return np.pad(squares, ((0, 0), (beyond, beyond)), "edge")
+
+
+def _ends(n: int) -> tuple[int, ...]:
+    """Rows that no window is around."""
+    half = WIDTHS[0] // 2
+    return (*range(half), *range(n - half, n))
+
+
+def _bias(u: Array, more: Array, noise: Array) -> Array:
+    """Square of what the weights of a higher degree add in each full window, beyond its noise,
+    (m,). more: those weights less the weights in use; noise: of the sample told, rad, (m,).
+    """
+    added = np.convolve(u, more[::-1], mode="valid") ** 2
+    return np.asarray(np.maximum(added - float(more @ more) * noise**2, 0.0))
+
+
+def _weights(width: int, place: int, degree: int) -> tuple[Array, Array]:
+    """What takes the first and the second derivative at one sample of a window from its polynomial,
+    (width,) each.
+    """
+    fitted = np.linalg.pinv(
+        np.vander((np.arange(width) - float(place)) / width, degree + 1, increasing=True)
+    )
+    return fitted[1] / width, 2 * fitted[2] / width**2
+
+
+def fits(u: Array, width: int, degree: int, noise: Array, off: float = STRICT) -> Mask:
+    """Whether the polynomial fitted to each full window leaves no more than the noise, and so many
+    sigma of it, (n - width + 1,).
+    """
+    k, dof = np.arange(width) - width // 2, width - degree - 1
+    basis = np.linalg.qr(np.vander(k / width, degree + 1, increasing=True))[0]
+    windows = np.lib.stride_tricks.sliding_window_view(u - u.mean(), width)
+    # of the angle itself nothing is left to cancel
+    centred = windows - windows[:, width // 2 : width // 2 + 1]
+    left = (centred**2).sum(axis=1) - ((centred @ basis) ** 2).sum(axis=1)
+    limit = noise[width // 2 : len(u) - width // 2] * (1 + off / np.sqrt(2 * dof))
+    return np.asarray(np.sqrt(np.maximum(left, 0.0) / dof) <= limit)
+
+
+RESTS = 32  # steps at rest that tell the readout's noise
+FAST = 0.3  # of the fastest rate: there an error of the stamps shows
+ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
+
+
+def noise_of_rests(angle: Array, still: Mask, parted: Index = NOWHERE) -> float | None:
+    """Standard deviation of a readout from row to row at rest, rad, at least that of its codes;
+    None if it hardly rests. angle: rad, (n,).
+    """
+    both = still[1:] & still[:-1]
+    both[parted - 1] = False  # what moved within a pause is no noise
+    steps = np.diff(angle)[both]
+    return (
+        float(max(np.sqrt(np.mean(steps**2) / 2), code_width(angle) / np.sqrt(12)))
+        if len(steps) > RESTS
+        else None
+    )
+
+
+def noise_of_stamps(uniform: Array, pace: Array, noise: float) -> float:
+    """How far stamps are off the instants of their rows (rounded, or late), standard deviation in
+    samples: what higher differences of the readout show beyond its noise where it is fast.
+    """
+    least = np.inf
+    for k in ORDERS:
+        turned = pace[k // 2 : len(pace) - k // 2]
+        fast = turned > FAST * pace.max()
+        size = np.abs(np.diff(uniform, k))[fast] / np.sqrt(comb(2 * k, k))
+        spread = MAD_TO_SIGMA * np.median(size / turned[fast])
+        least = min(least, spread**2 - (noise / np.median(turned[fast])) ** 2)
+    return float(np.sqrt(max(least, 0.0)))
+
+
+def noise_of_motion(uniform: Array) -> float:
+    """The least that higher differences of a readout at even times show, rad: there a smooth motion
+    leaves nothing else. uniform: (n,).
+    """
+    return float(
+        min(
+            MAD_TO_SIGMA * np.median(np.abs(np.diff(uniform, k))) / np.sqrt(comb(2 * k, k))
+            for k in ORDERS
+        )
+    )
+
+
+MIN_ROWS = 9  # rows that a motion is told from
 UNKNOWN = 2 * np.pi  # rad/s and rad/s2, of a motion that no rows tell
 LINE = 13  # samples in which a line shows that it is one
 SHARED = 3.4  # rows that tell as much of a slow course as one: the windows of rates overlap
@@ -39,7 +202,7 @@ def differentiate(time: Array, angle: Array, still: Mask, parted: Index = NOWHER
     the noise of readout and stamps and tells the rate best: long in steady turns, short where moves
     bend, and on its own side of a corner. Where an axis leaves its rest and where it comes to one,
     the rate begins at zero. No window reaches across a pause of the log; between two pauses fewer
-    than FEWEST rows of a motion tell no rate.
+    than MIN_ROWS rows of a motion tell no rate.
 
     Args:
         time: s, increasing, (n,). angle: rad, (n,).
@@ -86,11 +249,11 @@ def _evenly(time: Array, angle: Array) -> tuple[Array, Array] | None:
     """
     from scipy.interpolate import CubicSpline
 
-    if len(time) < FEWEST or np.ptp(angle) == 0:
+    if len(time) < MIN_ROWS or np.ptp(angle) == 0:
         return None
     dt = float(np.median(np.diff(time)))
     n = round(float(time[-1] - time[0]) / dt) + 1
-    if n < FEWEST or n > 4 * len(time):
+    if n < MIN_ROWS or n > 4 * len(time):
         return None
     grid = np.linspace(time[0], time[-1], n)
     return grid, np.asarray(CubicSpline(time, angle)(grid))

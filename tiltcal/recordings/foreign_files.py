@@ -9,11 +9,10 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS
-from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.numbers_in_text import numbers_in
+from tiltcal.recordings.formats.budget import ReadBudget
+from tiltcal.recordings.formats.cells import iso_stamps, numbers_in
 from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable
 from tiltcal.recordings.formats.registry import read_raw
-from tiltcal.recordings.formats.stamps_of_text import iso_stamps
 from tiltcal.recordings.formats.text import bad_cell
 from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
 from tiltcal.recordings.mapping import ColumnWords, Mapping, TimeWords
@@ -50,7 +49,9 @@ class _Part:
     repairs: tuple[str, ...] = ()
 
 
-def import_recording(path: Path | str, mapping: Mapping, budget: Budget | None = None) -> Recording:
+def import_recording(
+    path: Path | str, mapping: Mapping, budget: ReadBudget | None = None
+) -> Recording:
     """A foreign file as a Recording.
 
     Raises:
@@ -59,7 +60,7 @@ def import_recording(path: Path | str, mapping: Mapping, budget: Budget | None =
     return import_file(path, mapping, budget).recording
 
 
-def import_file(path: Path | str, mapping: Mapping, budget: Budget | None = None) -> Imported:
+def import_file(path: Path | str, mapping: Mapping, budget: ReadBudget | None = None) -> Imported:
     """A foreign file as a Recording, with the faults of its data.
 
     Raises:

@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.core.units import COLUMN_UNITS, split_unit
-from tiltcal.setup.part import Part
+from tiltcal.setup.part import StrictTable
 
 Repair = Literal[
     "sort_time",
@@ -25,7 +25,7 @@ UNKNOWN = "?"
 """Stands in a proposed mapping where the file does not say it."""
 
 
-class FileWords(Part):
+class FileWords(StrictTable):
     """Layout of the text, and the table that columns stand in where a file has several."""
 
     separator: Literal["space", "comma", "tab", "semicolon", "pipe"] = "comma"
@@ -39,7 +39,7 @@ class FileWords(Part):
     table: str = ""
 
 
-class TimeWords(Part):
+class TimeWords(StrictTable):
     """Source of the time: a column, or the sample rate."""
 
     column: int | str | None = None
@@ -70,7 +70,7 @@ class TimeWords(Part):
         return self
 
 
-class ColumnWords(Part):
+class ColumnWords(StrictTable):
     """One channel: its column, its name here, and its time column where that differs."""
 
     from_: Annotated[int | str, Field(alias="from")]
@@ -90,7 +90,7 @@ class ColumnWords(Part):
         return self
 
 
-class Mapping(Part):
+class Mapping(StrictTable):
     """A mapping file."""
 
     file: FileWords = FileWords()
@@ -153,7 +153,7 @@ def _no_toml(name: str, error: ValueError) -> TiltcalError:
     )
 
 
-_PARTS: dict[str, type[Part]] = {"file": FileWords, "time": TimeWords, "column": ColumnWords}
+_PARTS: dict[str, type[StrictTable]] = {"file": FileWords, "time": TimeWords, "column": ColumnWords}
 
 
 def _problem(error: Any) -> str:

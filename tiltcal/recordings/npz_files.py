@@ -15,8 +15,7 @@ from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.csv_files import is_number, require_few
 from tiltcal.recordings.parquet_files import METADATA, PIECE, metadata_of
-from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.samples import Labels
+from tiltcal.recordings.samples import Columns, Labels
 
 NUMBERS = "fiu"  # kinds of arrays that a column of numbers may be
 TEXTS = "UOSfiub"  # and those that another column may be; objects are refused on loading
@@ -203,7 +202,7 @@ def _require_one_length(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> No
         )
 
 
-def write_npz(recording: Recording, path: Path) -> None:
+def write_npz(recording: Columns, path: Path) -> None:
     """Write a recording as an NPZ archive."""
     arrays = {"time_s": recording.time} | {
         name: recording.column(name) for name in recording.column_names

@@ -11,8 +11,7 @@ from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.arrow_columns import arrow_table, to_numpy
 from tiltcal.recordings.csv_files import is_number, require_few
-from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.samples import Labels
+from tiltcal.recordings.samples import Columns, Labels
 
 METADATA = "tiltcal.metadata"
 PIECE = 1 << 16  # rows of a piece of a long recording
@@ -169,21 +168,21 @@ def metadata_of(text: str | bytes, path: Path) -> dict[str, str]:
         ) from error
 
 
-def write_parquet(recording: Recording, path: Path) -> None:
+def write_parquet(recording: Columns, path: Path) -> None:
     """Write a recording as Parquet."""
     with parquet_writer(path) as write:
         write(recording)
 
 
 @contextmanager
-def parquet_writer(path: Path) -> Iterator[Callable[[Recording], None]]:
+def parquet_writer(path: Path) -> Iterator[Callable[[Columns], None]]:
     """What appends pieces of a recording to a Parquet file, each with the columns of the first."""
     from pyarrow import parquet
 
     writers: list[Any] = []
     names: list[str] = []
 
-    def write(piece: Recording) -> None:
+    def write(piece: Columns) -> None:
         names.extend(() if names else piece.written_names)
         table = arrow_table(piece, names)
         if not writers:

@@ -23,14 +23,9 @@ from tiltcal.recordings.parquet_files import (
     stated_rows,
 )
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import (
-    SUFFIXES,
-    assemble,
-    read_recording,
-    require_suffix,
-    write_recording,
-)
+from tiltcal.recordings.recording_files import assemble, read_recording
 from tiltcal.recordings.samples import Labels
+from tiltcal.recordings.saving import SUFFIXES, require_suffix, write_recording
 from tiltcal.recordings.stamps import require_onward
 
 COPIES = 3  # of an NPZ archive's columns in memory: its pieces, the whole, and what is written

@@ -271,7 +271,7 @@ class Recording(Tabular):
         Raises:
             TiltcalError: the ending is unknown or the place cannot be written.
         """
-        from tiltcal.recordings.recording_files import write_recording
+        from tiltcal.recordings.saving import write_recording
 
         write_recording(self, path)
 

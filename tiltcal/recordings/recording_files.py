@@ -1,4 +1,4 @@
-"""Recordings as files: CSV, Parquet, NPZ. What is written reads back exactly."""
+"""Recordings read from files: CSV, Parquet, NPZ. What ``saving`` writes reads back exactly."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,14 +7,13 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import replacing, require_file
-from tiltcal.recordings.csv_files import read_csv, write_csv_file
-from tiltcal.recordings.npz_files import read_npz, write_npz
-from tiltcal.recordings.parquet_files import read_parquet, write_parquet
+from tiltcal.core.files import require_file
+from tiltcal.recordings.csv_files import read_csv
+from tiltcal.recordings.npz_files import read_npz
+from tiltcal.recordings.parquet_files import read_parquet
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.samples import Labels
-
-SUFFIXES = (".csv", ".parquet", ".npz")
+from tiltcal.recordings.saving import SUFFIXES
 
 
 def read_recording(path: Path | str) -> Recording:
@@ -45,34 +44,6 @@ def read_recording(path: Path | str) -> Recording:
             do="rename it, or bring a foreign format in with `tiltcal import`",
         )
     return assemble(columns, metadata, path.name)
-
-
-def write_recording(recording: Recording, path: Path | str) -> None:
-    """Write a recording, whole or not at all; the ending decides the format.
-
-    Raises:
-        TiltcalError: the ending is unknown or the place cannot be written.
-    """
-    path = require_suffix(Path(path))
-    writers = {".csv": write_csv_file, ".parquet": write_parquet, ".npz": write_npz}
-    with replacing(path) as temporary:
-        writers[path.suffix](recording, temporary)
-
-
-def require_suffix(path: Path) -> Path:
-    """``path`` when its ending names a format that recordings are written in.
-
-    Raises:
-        TiltcalError: it does not.
-    """
-    if path.suffix not in SUFFIXES:
-        raise TiltcalError(
-            f"output {path}",
-            found=f"the ending '{path.suffix}'",
-            need="one of " + ", ".join(SUFFIXES),
-            do="rename it",
-        )
-    return path
 
 
 def assemble(

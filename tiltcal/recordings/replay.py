@@ -10,10 +10,10 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_mounts
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.differentiation import Rates
-from tiltcal.recordings.kept_readouts import edges_of, rates_of, rests_of, sign_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import tells_rests
 from tiltcal.recordings.table_columns import other_tables
+from tiltcal.recordings.table_standstills import edges_of, rates_of, rests_of, sign_of
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import angle_channel
 from tiltcal.setup.trajectory import Drive, Jet, Rests

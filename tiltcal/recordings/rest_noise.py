@@ -17,8 +17,14 @@ from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.recordings.span_means import averaging_note, read_averaged, require_room, spans_of
 from tiltcal.setup.tables import axis_of
-from tiltcal.statistics.allan import AllanDeviation, NoiseModel, allan_deviation, fit_noise
-from tiltcal.statistics.running_allan import DENSE, RunningAllan
+from tiltcal.statistics.allan import (
+    DENSE,
+    AllanDeviation,
+    NoiseModel,
+    RunningAllan,
+    allan_deviation,
+    fit_noise,
+)
 
 NOISY = ("acceleration", "angle", "rate", "raw")  # quantities of a sensor's columns
 
@@ -61,7 +67,7 @@ def noise_models_of(path: Path | str, progress: Progress = silent) -> dict[str, 
 
 def _how_it_was_read(recording: Recording) -> str:
     return (
-        f"{averaging_note(recording)} to find its rests; the Allan deviation is that of all"
+        f"{averaging_note(recording)} to find its standstills; the Allan deviation is that of all"
         f" samples, beyond averaging times of {DENSE} samples from at most {DENSE} second"
         " differences within each"
     )
@@ -120,7 +126,7 @@ def _longest(recording: Recording) -> Segment:
     if not found:
         raise TiltcalError(
             recording.source,
-            found="no rest",
+            found="no standstill",
             need="a recording at rest",
             do="record the instrument at rest",
         )

@@ -17,7 +17,7 @@ from tiltcal.setup.setup import Rig, Setup
 from tiltcal.setup.tables import Table, tables
 
 FITS = 0.1  # rms of the direction of gravity, rad: biases and mounting of ordinary instruments
-CLEAR = 3.0  # times worse than another is clearly worse
+CLEARLY_WORSE = 3.0  # times worse than another is clearly worse
 POSES = 3  # distinct ones that it takes
 _FIRST = ("", "Rx(90)", "Rx(180)", "Rx(270)", "Ry(90)", "Ry(270)")
 _THEN = ("", "Rz(90)", "Rz(180)", "Rz(270)")
@@ -138,7 +138,9 @@ def suspected_rig(recording: Recording, setup: Setup) -> str | None:
         return None
     (up, angles), rig = poses, setup.rig
     stated = _misfit(up, angles, rig)
-    fits = [f for f in rig_fits(up, angles) if f.misfit < FITS and f.misfit < stated / CLEAR]
+    fits = [
+        f for f in rig_fits(up, angles) if f.misfit < FITS and f.misfit < stated / CLEARLY_WORSE
+    ]
     ways = simplest(fits, rig)
     if stated < FITS or not ways:
         return None

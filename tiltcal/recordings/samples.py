@@ -1,7 +1,10 @@
-"""Columns that were sampled together, and one sensor's readings."""
+"""Columns of a recording: those that were sampled together, one sensor's readings, and what a
+file holds.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +16,33 @@ from tiltcal.setup.sensor import Sensor
 
 Rows = npt.NDArray[np.intp]
 Labels = npt.NDArray[np.object_]
+
+
+class Columns(Protocol):
+    """What a file of a recording holds: all that a writer asks of one."""
+
+    @property
+    def time(self) -> Array:
+        """Stamps, s, (n,)."""
+
+    @property
+    def metadata(self) -> Mapping[str, str]:
+        """``# key: value`` lines."""
+
+    @property
+    def column_names(self) -> Sequence[str]:
+        """Numeric columns, in their order."""
+
+    @property
+    def texts(self) -> Mapping[str, Labels]:
+        """Columns of text, (n,) each."""
+
+    @property
+    def written_names(self) -> Sequence[str]:
+        """All columns, in their order."""
+
+    def column(self, name: str) -> Array:
+        """A numeric column, (n,), NaN where not sampled."""
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from typing import TextIO
 
 import numpy as np
 
-from tiltcal.core.csv_cells import cell_of, text_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
+from tiltcal.core.safe_text import cell_of, text_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, dwells, majority
 

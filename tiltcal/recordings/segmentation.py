@@ -23,7 +23,7 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.stamps import require_measurable
 from tiltcal.setup.pauses import breaks
 
-FEWEST = 4  # rows, of which any may move
+MIN_ROWS = 4  # rows, of which any may move
 NARROWEST = 6  # rows of a window
 WINDOW = 0.5  # s
 GUARD = WINDOW / 2  # s cut off at both ends of a dwell: hands leave, structures settle
@@ -122,7 +122,7 @@ def tells_rests(time: Array, window: float = WINDOW) -> bool:
     """Whether rows are enough to tell rests from motion: more than one window. time: s, (n,);
     window: s.
     """
-    return len(time) < FEWEST or len(time) > _width(time, window)
+    return len(time) < MIN_ROWS or len(time) > _width(time, window)
 
 
 def _width(time: Array, window: float) -> int:
@@ -172,7 +172,7 @@ def _turning(time: Array, rates: Array, quiet: Mask) -> Mask:
 
 def _quiet(time: Array, values: Array, window: float, source: str) -> Mask:
     n = len(time)
-    if n < FEWEST:
+    if n < MIN_ROWS:
         return np.ones(n, bool)
     width = _width(time, window)
     if n <= width:

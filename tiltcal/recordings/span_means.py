@@ -82,7 +82,7 @@ def require_room(path: Path | str) -> None:
         return
     cells = rows * len(next(read_pieces(path, ordered=False)).written_names)
     require_within(
-        f"recording {Path(path).name}, whose codes are coarse, so that it is not averaged",
+        f"recording {Path(path).name}, whose quantisation is coarse, so that it is not averaged",
         size=COPIES * 8 * cells,
         less="cut it into shorter recordings",
     )

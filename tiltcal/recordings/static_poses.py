@@ -19,8 +19,7 @@ from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet
-from tiltcal.statistics.dither import rounding_variance
-from tiltcal.statistics.dwell_noise import pooled_noise
+from tiltcal.statistics.dwell_noise import pooled_noise, rounding_variance
 
 CODED = 20_000  # samples of a stretch that tell the codes
 

@@ -35,7 +35,7 @@ from tiltcal.report.pose_residuals import (
 )
 from tiltcal.report.stated import NOT_STATED, NOTHING_STATED, Stated
 from tiltcal.setup.setup import Setup
-from tiltcal.validation.uncertainty_budget import COVERAGE, Budget
+from tiltcal.validation.uncertainty_budget import COVERAGE, UncertaintyBudget
 
 NO_PICTURE = "it is drawn where the table's model and OpenGL are at hand"
 
@@ -57,7 +57,7 @@ class Certificate:
     calibration: Calibration
     setup: Setup
     stated: Stated = NOTHING_STATED
-    budget: Budget | None = None
+    budget: UncertaintyBudget | None = None
     poses: Sequence[PoseRow] | None = None
     temperature: tuple[float, float] | None = None
     assumed: bool = False
@@ -125,7 +125,7 @@ def make_certificate(
     calibration: Calibration,
     stated: Stated = NOTHING_STATED,
     recording: Recording | None = None,
-    budget: Budget | None = None,
+    budget: UncertaintyBudget | None = None,
     segments: Sequence[Segment] | None = None,
     assumed: bool = False,
 ) -> Certificate:

@@ -9,10 +9,10 @@ import numpy as np
 
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.units import unit_sign
-from tiltcal.report.budget import NEGLIGIBLE
 from tiltcal.report.pose_residuals import PoseRow
+from tiltcal.report.tables import NEGLIGIBLE
 from tiltcal.setup.setup import Setup
-from tiltcal.validation.uncertainty_budget import COVERAGE, Budget
+from tiltcal.validation.uncertainty_budget import COVERAGE, UncertaintyBudget
 
 POSES_SHOWN = 12  # of more, the largest residuals
 ENTRIES_SHOWN = 72  # of a placing-angle table
@@ -50,7 +50,7 @@ def parameter_table(
     return rows
 
 
-def budget_table(budget: Budget, calibration: Calibration) -> dict[str, Any]:
+def budget_table(budget: UncertaintyBudget, calibration: Calibration) -> dict[str, Any]:
     """Sources with a letter each, and the contributions of each to each parameter."""
     letters = [f"{line.kind}{k}" if k else "A" for k, line in enumerate(budget.lines)]
     sources = [

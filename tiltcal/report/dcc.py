@@ -1,21 +1,83 @@
 """The certificate as a digital calibration certificate (DCC) of PTB: XML, schema 3.2.1, units in
 D-SI 2.1.0. Written with the standard library.
+
+Units of parameters are in D-SI, the form that digital certificates use: SI without prefixes.
 """
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from tiltcal import __version__
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_text
-from tiltcal.core.units import DEG
+from tiltcal.core.units import DEG, G0, PARAMETER_UNITS
 from tiltcal.report.certificate import Certificate
 from tiltcal.report.certificate_scope import not_tested, procedure, validity
-from tiltcal.report.dsi import SiUnit, si_unit
 from tiltcal.report.stated import NO_COUNTRY, NOT_STATED, Stated, clean
 from tiltcal.validation.uncertainty_budget import COVERAGE
+
+_TEMPERATURE = re.compile(r"^(?P<unit>.+)_degC(?P<power>\d*)$")
+_DIMENSIONS: dict[str, dict[str, int]] = {
+    "ratio": {},
+    "time": {"second": 1},
+    "length": {"metre": 1},
+    "frequency": {"hertz": 1},
+    "angle": {"radian": 1},
+    "rate": {"radian": 1, "second": -1},
+    "acceleration": {"metre": 1, "second": -2},
+    "temperature": {"degreecelsius": 1},
+    # coefficients of powers of the specific force: their unit g is divided out
+    "g/g2": {"metre": -1, "second": 2},
+    "g/g3": {"metre": -2, "second": 4},
+    "angle/g": {"radian": 1, "metre": -1, "second": 2},
+    "rate/g": {"radian": 1, "metre": -1, "second": 1},
+    "rate/g2": {"radian": 1, "metre": -2, "second": 3},
+}
+_PER_G = {"g/g2": G0, "g/g3": G0**2, "angle/g": G0, "rate/g": G0, "rate/g2": G0**2}
+
+
+@dataclass(frozen=True)
+class SiUnit:
+    r"""A unit of ours in SI.
+
+    Args:
+        factor: SI value of one of it.
+        text: D-SI, such as ``\metre\second\tothe{-2}``.
+    """
+
+    factor: float
+    text: str
+
+
+def si_unit(unit: str) -> SiUnit | None:
+    """The D-SI form of a parameter's unit, such as ``m_s2``, ``1``, ``ug_g2`` or ``m_s2_degC2``.
+
+    None where it has none, or is not known.
+    """
+    name = {"1": "unitless"}.get(unit, unit)
+    known = PARAMETER_UNITS.get(name)
+    if known is not None and known.quantity in _DIMENSIONS:
+        factor = known.factor / _PER_G.get(known.quantity, 1.0)
+        return SiUnit(factor, _unit_text(_DIMENSIONS[known.quantity]))
+    match = _TEMPERATURE.match(unit)
+    if match is None:
+        return None
+    per = si_unit(match["unit"])
+    if per is None:
+        return None
+    power = int(match["power"] or 1)
+    kelvin = f"\\kelvin\\tothe{{-{power}}}"
+    return SiUnit(per.factor, kelvin if per.text == "\\one" else per.text + kelvin)
+
+
+def _unit_text(powers: dict[str, int]) -> str:
+    parts = [f"\\{u}" if p == 1 else f"\\{u}\\tothe{{{p}}}" for u, p in powers.items()]
+    return "".join(parts) or "\\one"
+
 
 VERSION = "3.2.1"
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"

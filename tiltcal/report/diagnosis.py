@@ -1,18 +1,237 @@
 """The report of a diagnosis: the result in one sentence, the law of each finding, held-out data
 before and after, rejected alternatives, the next measurement, what could not be seen.
+
+Its plots show the functional form of each finding, residuals of held-out blocks, and spectra.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from tiltcal.core.arrays import Array, Mask
+from tiltcal.core.units import split_unit, unit_sign
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, in_words
+from tiltcal.diagnosis.conclusions.law_plots import LawView
+from tiltcal.diagnosis.conclusions.residual_plots import Spectrum, View
 from tiltcal.report.page import sections, write_page
-from tiltcal.report.plots import Plot
+from tiltcal.report.plots import LOGARITHMIC, Plot, Trace, axes, colour, line, points
 from tiltcal.report.poses import Pose
-from tiltcal.report.residuals import heldout_plots, heldout_rows, law_plots, spectrum_plot
 from tiltcal.report.scenes import sphere_plot
+from tiltcal.setup.tables import axis_of
+
+WORDS = {
+    "input": "own reading",
+    "transverse": "rate across the axis",
+    "turned_deg": "angle turned about the axis",
+    "since_move": "time since the last move",
+    "since_start": "time since the last move began",
+    "speed_deg_s": "speed of turn",
+    "braking_deg_s2": "deceleration of the turn",
+    "moves_count": "number of moves",
+}
+FOLLOWED = {"temperature": "temperature_degC", "tilt": "input", "rate": "input"}
+MOVING = ("rate", "time", "move", "sample", "frequency")
+"""Coordinates of findings that show while the table moves; of others only rests are drawn."""
+MIN_DWELLS = 6  # rests
+MOST_LAWS = 4  # plots of one finding
+MOST_SPECTRA = 6
+WAVES = 12.0  # a curve goes up and down so often, at most
+VISIBLE = 1e-3  # of a law
+
+
+def law_plots(finding: Finding) -> list[Plot]:
+    """The law of a finding over the coordinate that it follows: what deviates at the table first,
+    then the channels that show it, each mounting as a series of its own.
+    """
+    grouped: dict[tuple[str, str, str], list[LawView]] = {}
+    for law in finding.laws:
+        wanted = law.sensor in finding.sensors and law.axis in finding.axes
+        if wanted or not law.sensor:
+            grouped.setdefault((law.subject, law.unit, law.sensor), []).append(law)
+    order = sorted(grouped, key=lambda key: (bool(key[2]), -_size(grouped[key])))
+    plots = [_law_plot(grouped[key], finding.where.coordinate) for key in order[:MOST_LAWS]]
+    return [p for p in plots if p is not None]
+
+
+def _size(laws: Sequence[LawView]) -> float:
+    return max(float(np.ptp(law.law)) for law in laws)
+
+
+def _size_in_words(laws: Sequence[LawView], unit: str) -> str:
+    """How much a law varies, or what it is throughout."""
+    largest = max((law.law for law in laws), key=lambda values: float(np.abs(values).max()))
+    if _size(laws) < VISIBLE * float(np.abs(largest).max()):
+        return f"{float(np.mean(largest)):.3g} {unit} throughout"
+    return f"{_size(laws):.3g} {unit} from lowest to highest"
+
+
+def _law_plot(laws: Sequence[LawView], coordinate: str) -> Plot | None:
+    name = laws[0].follows or _coordinate_of([law.coordinates for law in laws], coordinate)
+    if name is None:
+        return None
+    title, unit = coordinate_title(name), unit_sign(laws[0].unit)
+    hover = f"{title} %{{x:.4g}}<br>%{{y:.4g}} {unit}"
+    rests = coordinate not in MOVING and all(law.still.sum() >= MIN_DWELLS for law in laws)
+    traces: list[Trace] = []
+    for k, law in enumerate(laws):
+        shown = law.still if rests else np.ones(len(law.law), bool)
+        traces += _law_traces(law, name, shown, _where(law, laws), 2 * k, hover)
+    what = laws[0].subject
+    peak = _size_in_words(laws, unit)
+    return Plot(
+        traces,
+        f"{what}: the curve over {title.partition(',')[0]}, {peak}.",
+        f"Curve of the finding in {what} against {title}: {peak}",
+        axes(title, f"{what if laws[0].sensor else 'deviation'}, {unit}", showlegend=True),
+    )
+
+
+def _law_traces(
+    law: LawView, coordinate: str, shown: Mask, where: str, place: int, hover: str
+) -> Iterator[Trace]:
+    """What is measured, the whole law and its leading form, over a coordinate."""
+    order = np.flatnonzero(shown)[np.argsort(law.coordinates[coordinate][shown], kind="stable")]
+    u = law.coordinates[coordinate][order]
+    if len(law.data):
+        sigma, values = law.sigma[order], law.data[order]
+        measured = points(u, values, f"measured{where}", place + 1, sigma=sigma, hover=hover)
+        yield measured | {"opacity": 0.65}
+    whole, leading = law.law[order], law.leading[order]
+    completed = not np.allclose(leading, whole, atol=VISIBLE * _size([law]))
+    name = f"law{', with what completes it' if completed else ''}{where}"
+    yield _joined(u, whole, name, place, "solid", hover)
+    if completed:
+        yield _joined(u, leading, f"its leading form alone{where}", place + 3, "dot", hover)
+
+
+def _joined(u: Array, values: Array, name: str, place: int, dash: str, hover: str) -> Trace:
+    """A law as a line where it is a curve over the coordinate, else as points; u: increasing."""
+    path = float(np.abs(np.diff(values)).sum())
+    if path < WAVES * float(np.ptp(values)):
+        return line(
+            u, values, name, place, hover=hover, line={"color": colour(place), "dash": dash}
+        )
+    symbol = "diamond" if dash == "solid" else "diamond-open"
+    marker = {"size": 5, "symbol": symbol, "color": colour(place)}
+    return points(u, values, name, place, hover=hover, marker=marker)
+
+
+def _where(view: LawView | View, views: Sequence[LawView] | Sequence[View]) -> str:
+    """Recording and mounting, where there are several."""
+    parts = []
+    if len({v.recording for v in views}) > 1:
+        parts.append(view.recording)
+    if len({v.mount for v in views}) > 1:
+        parts.append(f"mount {view.mount}")
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+def _coordinate_of(known: Sequence[Mapping[str, Array]], coordinate: str) -> str | None:
+    """The coordinate of a picture that shows what a finding follows, by its name with unit; time
+    where there is none.
+    """
+    common = [name for name in known[0] if all(name in one for one in known)]
+    wanted = FOLLOWED.get(coordinate, coordinate)
+    fitting = [name for name in common if name.startswith(wanted)]
+    return next(iter([*fitting, *(n for n in common if n == "time_s"), *common]), None)
+
+
+def coordinate_title(name: str) -> str:
+    """``table_outer_deg`` -> ``outer angle, °``."""
+    stem, unit = split_unit(name)
+    axis = axis_of(stem)
+    words = WORDS.get(stem, f"{axis} angle" if axis else stem.replace("_", " along body "))
+    return f"{words}, {unit_sign(unit)}" if unit else words
+
+
+def heldout_plots(views: Sequence[View]) -> list[Plot]:
+    """Residuals of held-out blocks over time, before and after: a plot for each channel, each
+    recording and mounting as a series of its own.
+    """
+    channels = list(dict.fromkeys(v.channel for v in views))
+    return [_heldout_plot([v for v in views if v.channel == name]) for name in channels]
+
+
+def _heldout_plot(views: Sequence[View]) -> Plot:
+    unit = unit_sign(views[0].unit)
+    traces = []
+    for k, view in enumerate(v for v in views if "time_s" in v.coordinates):
+        where = _where(view, views)
+        label = f"%{{x:.4g}} s<br>%{{y:.4g}} {unit}"
+        time = view.coordinates["time_s"]
+        traces.append(points(time, view.before, f"before{where}", 2 * k + 1, hover=label))
+        traces.append(
+            points(time, view.after, f"after{where}", 2 * k, sigma=view.sigma, hover=label)
+        )
+    first, last = (_rms([getattr(v, side) for v in views]) for side in ("before", "after"))
+    words = f"rms of the means {first:.3g} {unit} before, {last:.3g} {unit} after"
+    return Plot(
+        traces,
+        f"{views[0].channel}: residual of blocks that were not fitted to; {words}.",
+        f"Residual of {views[0].channel} in held-out blocks against time: {words}",
+        axes("time, s", f"{views[0].channel}, {unit}", showlegend=True),
+        height=280,
+    )
+
+
+def heldout_rows(views: Sequence[View]) -> list[dict[str, str]]:
+    """Rms of the held-out residual of each channel and mounting, before and after."""
+    return [
+        {
+            "channel": v.channel,
+            "recording": v.recording,
+            "mount": v.mount,
+            "before": f"{_rms([v.before]):.4g}",
+            "after": f"{_rms([v.after]):.4g}",
+            "noise": f"{_rms([v.sigma]):.3g}",
+            "unit": unit_sign(v.unit),
+        }
+        for v in views
+    ]
+
+
+def _rms(parts: Sequence[Array]) -> float:
+    values = np.concatenate(parts)
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _names_of(spectra: Sequence[Spectrum]) -> list[str]:
+    """Channels, with the number of the recording where several have the channel."""
+    channels = [s.channel for s in spectra]
+    return [
+        f"{name}, recording {channels[: k + 1].count(name)}" if channels.count(name) > 1 else name
+        for k, name in enumerate(channels)
+    ]
+
+
+def spectrum_plot(spectra: Sequence[Spectrum]) -> Plot | None:
+    """Residual by frequency, before and after; None without any."""
+    if not spectra:
+        return None
+    traces, names = [], _names_of(spectra)
+    for k, s in enumerate(spectra[:MOST_SPECTRA]):
+        scale = max(float(np.median(s.after[len(s.after) // 2 :])), np.finfo(float).tiny)
+        label = "%{x:.3g} Hz<br>%{y:.3g} times its noise"
+        thin = {"line": {"dash": "dot", "color": f"var(--c{k % 6})"}}
+        traces.append(
+            line(s.frequency, s.before / scale, f"{names[k]} before", k, hover=label, **thin)
+        )
+        traces.append(line(s.frequency, s.after / scale, f"{names[k]} after", k, hover=label))
+    shown = ", ".join(names[:MOST_SPECTRA])
+    layout = axes("Hz", "rms in the band / its noise", showlegend=True)
+    layout["xaxis"] |= LOGARITHMIC
+    layout["yaxis"] |= LOGARITHMIC
+    return Plot(
+        traces,
+        "Spectrum of the residual, before (dotted) and after.",
+        f"Spectrum of the residual of {shown}, before and after",
+        layout,
+        height=360,
+    )
+
 
 MEANING = {
     "match": "The recording agrees with the scenario.",

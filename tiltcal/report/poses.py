@@ -13,7 +13,7 @@ from tiltcal.forward.kinematics import closed_form
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
 from tiltcal.recordings.static_poses import find_poses
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet

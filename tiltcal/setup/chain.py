@@ -2,7 +2,7 @@
 where the instrument sits among them.
 
 Link frames have their origin on the axis and z along it. At readout zero a link stands in its
-parent's frame as its ``Place`` says; the base's frame is the world's: East, North, Up.
+parent's frame as its ``LinkFrame`` says; the base's frame is the world's: East, North, Up.
 """
 
 from collections.abc import Mapping
@@ -14,13 +14,13 @@ from pydantic import Field
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import DEG, MM
-from tiltcal.setup.part import Part
+from tiltcal.setup.part import StrictTable
 
 BASE = ""
 """Parent of what stands on the base itself."""
 
 
-class Place(Part):
+class LinkFrame(StrictTable):
     """A frame that is fixed on a link.
 
     Args:
@@ -51,7 +51,7 @@ class Place(Part):
         )
 
 
-class Link(Place):
+class Link(LinkFrame):
     """A link behind an axis.
 
     Args:
@@ -103,11 +103,11 @@ class Link(Place):
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-class Chain(Part):
+class Chain(StrictTable):
     """The links, each after its parent, and the instrument's place."""
 
     link: tuple[Link, ...]
-    instrument: Place = Place()
+    instrument: LinkFrame = LinkFrame()
 
     @cached_property
     def links(self) -> Mapping[str, Link]:

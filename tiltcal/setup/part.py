@@ -5,7 +5,7 @@ from functools import cached_property
 from pydantic import BaseModel, ConfigDict
 
 
-class Part(BaseModel):
+class StrictTable(BaseModel):
     """A frozen part of a scenario; unknown keys are errors."""
 
     model_config = ConfigDict(

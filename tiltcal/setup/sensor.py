@@ -8,8 +8,8 @@ from pydantic import AfterValidator, Field, model_validator
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import unit
 from tiltcal.core.units import COLUMN_UNITS, G0
-from tiltcal.setup.chain import Place
-from tiltcal.setup.part import Part
+from tiltcal.setup.chain import LinkFrame
+from tiltcal.setup.part import StrictTable
 
 RESERVED = {"time", "table", "temperature", "label", "tilt", "north"}
 
@@ -29,7 +29,7 @@ def _not_zero(value: float) -> float:
 NonZero = Annotated[float, AfterValidator(_not_zero)]
 
 
-class Input(Part):
+class Input(StrictTable):
     """How raw readings (LSB, V, mA) become SI: ``value = (raw - zero) / per_unit``."""
 
     unit: Literal["V", "mV", "mA", "LSB"]
@@ -68,7 +68,7 @@ class Input(Part):
         return np.asarray(value * self.slope + np.asarray(self.zero))
 
 
-class Converter(Part):
+class Converter(StrictTable):
     """An analogue chain and one sigma-delta converter that takes the channels in turn; the defaults
     are an AD7705 behind a quartz flexure accelerometer (fCLK 2.4576 MHz).
 
@@ -114,7 +114,7 @@ class Converter(Part):
         return self.settle / self.output_hz
 
 
-class Sensor(Part):
+class Sensor(StrictTable):
     """One sensor of the instrument: a prefix of columns.
 
     On a user's own model it may have a ``place`` of its own.
@@ -130,7 +130,7 @@ class Sensor(Part):
     converter: Converter | None = None
     unit: str | None = None
     full_scale: Annotated[float, Field(gt=0)] | None = None
-    place: Place | None = None
+    place: LinkFrame | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> "Sensor":

@@ -9,12 +9,12 @@ from pydantic_core import PydanticCustomError
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import parse_up
-from tiltcal.setup.part import Part
+from tiltcal.setup.part import StrictTable
 from tiltcal.setup.setup import readable_mount
 from tiltcal.setup.tables import angle_key, axis_names, built_in_axes, every_table, length_key
 
 
-class Climate(Part):
+class Climate(StrictTable):
     """Temperature of the laboratory against time: start, ramp, swing and an exponential change."""
 
     start_degC: float = 23.0
@@ -67,7 +67,7 @@ def _list_axes(schema: dict[str, Any]) -> None:
     schema["additionalProperties"] = False
 
 
-class Step(Part):
+class Step(StrictTable):
     """One step of a sequence: what to do, then how long to dwell there.
 
     ``rest`` dwells; ``move`` goes to the angles (or, hand-held, until ``up`` points up); ``turn``

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tiltcal.core.csv_cells import cell_of, text_of
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.core.frames import parse_mount
-from tiltcal.setup.schedule import Leg
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.core.safe_text import cell_of, text_of
+from tiltcal.setup.schedule import Leg, build_schedule
 from tiltcal.setup.sequence import Step, sliding_axes
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import FILE_AXES, angle_key, axis_names, length_key
@@ -49,7 +48,7 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
             "sequence file",
             found=f"table {rig.table}",
             need="a table with axes",
-            do="write the steps down in words",
+            do="write the steps down as text",
         )
     rows: list[dict[str, str]] = []
     mount, here = rig.mount, np.zeros(len(rig.axis_names))

@@ -14,13 +14,13 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import earth_rate, parse_mount
 from tiltcal.core.units import DEG
-from tiltcal.setup.chain import BASE, Chain, Link, Place
-from tiltcal.setup.part import Part
+from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
+from tiltcal.setup.part import StrictTable
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import BUILT_IN, Axis, Table, add_model, every_table, find_table, tables
 
 
-class Site(Part):
+class Site(StrictTable):
     """Where the laboratory stands."""
 
     gravity_m_s2: Annotated[float, Field(gt=0, description="local plumb-line gravity, m/s2")]
@@ -73,7 +73,7 @@ def _list_tables(schema: dict[str, Any]) -> None:
     schema["enum"] = list(tables())
 
 
-class Rig(Part):
+class Rig(StrictTable):
     """The table and how the instrument sits on it.
 
     A user's own model stands as ``link`` and ``instrument``; ``model`` is the file that they were
@@ -84,7 +84,7 @@ class Rig(Part):
     model: str = ""
     site: str = ""
     link: tuple[Link, ...] = ()
-    instrument: Place = Place()
+    instrument: LinkFrame = LinkFrame()
     readout: Literal["encoder", "command"] = "encoder"
     mount: str = "identity"
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -100,7 +100,7 @@ class Rig(Part):
             raise ValueError(problem)
         name = add_model(chain).name
         if words.get("table", name) != name:
-            raise ValueError(f"table '{words['table']}' beside links; leave it out")
+            raise ValueError(f"table '{words['table']}' with links; leave it out")
         return {**words, "table": name}
 
     @field_validator("mount")
@@ -142,13 +142,13 @@ class Rig(Part):
 
 
 @cache
-def _rig_at(rig: Rig, place: Place) -> Rig:
+def _rig_at(rig: Rig, place: LinkFrame) -> Rig:
     """A rig of a user's own model with the instrument somewhere else on it."""
     words = rig.model_dump(exclude={"table"})
     return Rig.model_validate({**words, "instrument": place.model_dump()})
 
 
-class Setup(Part):
+class Setup(StrictTable):
     """Site, rig and sensors: what an honest user knows of a laboratory."""
 
     site: Site

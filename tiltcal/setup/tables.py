@@ -3,14 +3,18 @@
 Everything that depends on the kind of a table follows from its axes: names of columns, angles that
 turn a direction up, the axis that gravity loads, where axes may be out of square. An installed
 package adds tables through the entry point group ``tiltcal.tables``.
+
+The direction up in the body, at the nominal geometry, follows from the same axes.
 """
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.assets import folder
@@ -19,6 +23,7 @@ from tiltcal.core.extensions import members
 from tiltcal.core.frames import AXES
 from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.setup.chain import Chain, Link
+from tiltcal.setup.trajectory import Drive, Jet
 
 GROUP = "tiltcal.tables"
 CHANNEL = "table_"
@@ -266,3 +271,38 @@ def angle_channel(axis: str, suffix: str = "") -> str:
 def axis_of(channel: str) -> str | None:
     """The axis whose readout a channel is; None where it is none."""
     return channel.removeprefix(CHANNEL) if channel.startswith(CHANNEL) else None
+
+
+def up_in_body(
+    moving: Sequence[tuple[str, str]],
+    chain: Chain | None,
+    axes: Mapping[str, Jet],
+    drive: Drive,
+) -> Array:
+    """The unit vector up in the body, (n, 3).
+
+    Args:
+        moving: axes that move the instrument with the coordinate axis that each turns about or
+            slides along, outermost first.
+        chain: the links of a user's own model; None on a table.
+        axes: angles, rad, and places, m.
+        drive: has the mountings.
+    """
+    up = np.zeros((len(drive.time), 3))
+    up[:, 2] = 1.0
+    for name, axis in moving:
+        if chain is not None:
+            up = up @ chain.links[name].R
+            if chain.links[name].slides:
+                continue
+        i = "xyz".index(axis)
+        j, k = (i + 1) % 3, (i + 2) % 3
+        c, s = axes[name].cos_sin
+        up[:, j], up[:, k] = c * up[:, j] + s * up[:, k], c * up[:, k] - s * up[:, j]
+    if chain is not None:
+        up = up @ chain.instrument.R
+    starts = [row for row, _ in drive.mounts]
+    for row, (_, R) in zip(starts, drive.mounts, strict=True):
+        end = min((r for r in starts if r > row), default=len(up))
+        up[row:end] = up[row:end] @ R
+    return up

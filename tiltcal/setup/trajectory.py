@@ -143,9 +143,13 @@ class Rests:
     end: Array
 
     @classmethod
-    def told(cls, rests: "Callable[[], Rests] | None", time: Array, stop: Index) -> "Rests":
-        """What ``rests`` says, or else the rows of each stop: see ``Drive``. time: s, (n,); stop:
-        (n,).
+    def at(cls, rests: "Callable[[], Rests] | None", time: Array, stop: Index) -> "Rests":
+        """What ``rests`` returns, or else the rows of each stop.
+
+        Args:
+            rests: see ``Drive``.
+            time: s, (n,).
+            stop: number of the stop of each row, -1 while moving, (n,).
         """
         return cls.of_rows(time, stop) if rests is None else rests()
 

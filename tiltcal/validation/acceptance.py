@@ -18,13 +18,10 @@ from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.laboratory.scenario_tables import EstimatorTable, MethodTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.validation.accuracy import TiltError
-from tiltcal.validation.limit import Limit
-from tiltcal.validation.limits import limits_of
-from tiltcal.validation.online.judging import run_estimator
-from tiltcal.validation.online.online_result import OnlineResult
+from tiltcal.validation.limits import Limit, dof_of_mean, limits_of, tilts
+from tiltcal.validation.online.judging import OnlineResult, run_estimator
 from tiltcal.validation.runs import Keeper, Row, Run, Workers, results_by_seed
-from tiltcal.validation.tilt_limits import dof_of_mean, tilts
-from tiltcal.validation.uncertainty_budget import Budget, make_budget
+from tiltcal.validation.uncertainty_budget import UncertaintyBudget, make_budget
 
 RUN_BYTES = 20_000  # of memory for a run and its calibration, measured
 RUN_S = 0.02  # of a short run
@@ -50,7 +47,7 @@ class MethodResult:
     seconds: float = 0.0
     error: str | None = None
     online: OnlineResult | None = None
-    budget: Budget | None = None
+    budget: UncertaintyBudget | None = None
 
     @property
     def accepted(self) -> bool:
@@ -199,7 +196,9 @@ def _judged(
     return MethodResult(table.title, tuple(runs), limits, seconds, budget=budget)
 
 
-def _budget(scenario: Scenario, table: MethodTable, recording: Recording) -> Budget | None:
+def _budget(
+    scenario: Scenario, table: MethodTable, recording: Recording
+) -> UncertaintyBudget | None:
     if not scenario.budget or table.name is None:
         return None
     return make_budget(table.name, recording, scenario, scenario.budget, **table.options)[1]

@@ -1,5 +1,6 @@
 """How good a calibration is where the truth is known: parameters against injected ones, tilt error
-over directions.
+over directions, attitude error of a gyro triad after full turns, and a placing-angle table
+against the sensor's own bias over its working range.
 """
 
 from collections.abc import Mapping, Sequence
@@ -7,6 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tiltcal.calibration.bias_table import BiasTable
+from tiltcal.calibration.methods.placing_smooth import basis, smooth_names
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import (
@@ -18,14 +21,14 @@ from tiltcal.core.frames import (
     sphere,
 )
 from tiltcal.core.units import ARCSEC, DEG
-from tiltcal.effects.base import Effect
+from tiltcal.effects.base import Effect, SignalEffect
 from tiltcal.effects.mount.mounting import MountMisalignment
+from tiltcal.effects.sense import Sense
 from tiltcal.effects.table.geometry import TableLevelling
+from tiltcal.forward.signal_chain import CONVERSION
 from tiltcal.laboratory.laboratory import true_readings
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
-from tiltcal.validation.bias_table_accuracy import table_errors, table_truth
-from tiltcal.validation.effective_dof import dof_of_changes, effective_dof
 
 DIRECTIONS = 400
 CONE = 45 * DEG  # working range of a two-channel sensor
@@ -287,3 +290,233 @@ def normalised_error(calibration: Calibration, truth: Mapping[str, float]) -> tu
     determined = values > 1e-9 * values[-1]  # two names of one parameter count once
     z = vectors[:, determined].T @ (error / scale)
     return float(np.sum(z**2 / values[determined])), int(determined.sum())
+
+
+RATE = 60 * DEG
+
+
+def attitude_error(setup: Setup, effects: Sequence[Effect], calibration: Calibration) -> TiltError:
+    """Angle between true and integrated attitude after one turn about x, y and z at 60 deg/s, rms
+    of the three, rad.
+
+    The reading at rest is taken off before each turn, as in the field: what remains is scale and
+        cross-axis.
+    """
+    sensor = setup.named(calibration.sensors()[0])
+    turns = [_reading(sensor, setup, effects, RATE * axis) for axis in np.eye(3)]
+    bare = replace(calibration, parameters={}, covariance=np.zeros((0, 0)))
+    over = "attitude after one turn about each axis at 60 deg/s"
+    before, after = _attitude_rms(turns, bare, sensor), _attitude_rms(turns, calibration, sensor)
+    bound, dof = _attitude_bound(turns, calibration, sensor)
+    return TiltError(before, after, bound, over, dof)
+
+
+def _reading(sensor: Sensor, setup: Setup, effects: Sequence[Effect], rate: Array) -> Array:
+    """What the triad reads at a steady rate, without noise and without its reading at rest,
+    (3,).
+    """
+    sense = replace(
+        Sense.at_rest(sensor, setup.site.gravity, np.zeros((2, 3))),
+        rate=np.stack([rate, np.zeros(3)]),
+    )
+    reading = sense.true_input()
+    signal = [
+        e
+        for e in effects
+        if isinstance(e, SignalEffect) and e.sensor == sensor.name and not e.random
+    ]
+    for effect in sorted(signal, key=lambda e: e.order):
+        if effect.order < CONVERSION:
+            reading = effect.apply(reading, sense, None)
+    return np.asarray(reading[0] - reading[1])
+
+
+def _final(reading: Array, calibration: Calibration, sensor: Sensor) -> Array:
+    """Integrated attitude, (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    rate = np.linalg.solve(calibration.sensitivity(sensor), reading)
+    return np.asarray(Rotation.from_rotvec(rate * (2 * np.pi / RATE)).as_matrix())
+
+
+def _attitude_rms(turns: Sequence[Array], calibration: Calibration, sensor: Sensor) -> float:
+    """A whole turn comes back to where it was: what is left is the error."""
+    from scipy.spatial.transform import Rotation
+
+    errors = [
+        Rotation.from_matrix(_final(reading, calibration, sensor)).magnitude() for reading in turns
+    ]
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def _attitude_bound(
+    turns: Sequence[Array], calibration: Calibration, sensor: Sensor
+) -> tuple[float, float]:
+    """What the covariance predicts, and its degrees of freedom: the turns moved by each principal
+    error of the parameters.
+    """
+    from scipy.spatial.transform import Rotation
+
+    names = list(calibration.parameters)
+    values, vectors = np.linalg.eigh(calibration.covariance)
+    centre = [_final(reading, calibration, sensor) for reading in turns]
+    total, changes = 0.0, []
+    for value, vector in zip(values, vectors.T, strict=True):
+        step = np.sqrt(max(value, 0.0))
+        moved = {
+            n: replace(e, value=e.value + step * d)
+            for (n, e), d in zip(calibration.parameters.items(), vector, strict=True)
+        }
+        shifted = replace(calibration, parameters=dict(zip(names, moved.values(), strict=True)))
+        turned = [
+            Rotation.from_matrix(_final(reading, shifted, sensor) @ R.T)
+            for reading, R in zip(turns, centre, strict=True)
+        ]
+        total += float(np.mean([r.magnitude() ** 2 for r in turned]))
+        changes.append(np.ravel([r.as_rotvec() for r in turned]))
+    return float(np.sqrt(total)), dof_of_changes(changes)
+
+
+FINE = 8  # directions a step of the table
+
+
+def placing_directions(axis: str, beta: Array, mount: Array) -> Array:
+    """Up in the body frame with ``axis`` horizontal at placing angles beta, (n, 3); mount: of the
+    body on the faceplate.
+    """
+    s, c, zero = np.sin(beta), np.cos(beta), np.zeros_like(beta)
+    up = np.column_stack([zero, s, c] if axis == "x" else [-s, zero, c])
+    return np.asarray(up @ mount)
+
+
+def true_bias(
+    setup: Setup, effects: Sequence[Effect], sensor: Sensor, axis: str, beta: Array, mount: Array
+) -> Array:
+    """What an axis truly reads when it is horizontal, m/s2, (n,): the sensor's own effects, without
+    table and noise.
+    """
+    readings = true_readings(setup, placing_directions(axis, beta, mount), effects)[sensor.name]
+    return np.asarray(readings[:, sensor.axes.index(axis)])
+
+
+def table_truth(
+    setup: Setup, effects: Sequence[Effect], calibration: Calibration, mount: Array
+) -> dict[str, float]:
+    """The injected value of each parameter of the smooth fits: the true bias over the table's
+    angles, in the same terms. mount: (3, 3).
+    """
+    truth: dict[str, float] = {}
+    for sensor, axis, table in _tables(setup, calibration):
+        if table.wave:
+            order = len(table.wave) // 2
+            beta = np.asarray(table.start + table.step * np.arange(len(table.values)), dtype=float)
+            bias = true_bias(setup, effects, sensor, axis, beta, mount)
+            found = np.linalg.lstsq(basis(beta, order), bias, rcond=None)[0]
+            truth |= dict(zip(smooth_names(sensor.name, axis, order), found.tolist(), strict=True))
+    return truth
+
+
+def table_errors(
+    setup: Setup, effects: Sequence[Effect], calibration: Calibration, mount: Array
+) -> tuple[float, float, float, float]:
+    """Tilt error, rad rms, of a horizontal axis over the table's angles and between them. mount:
+    (3, 3).
+
+    Returns:
+        Before correction, after it, what entry noise and interpolation let expect, and the
+        degrees of freedom of the error after it.
+    """
+    before, after, steps, noise = [], [], [], []
+    g = setup.site.gravity
+    for sensor, axis, table in _tables(setup, calibration):
+        last = len(table.values) - 1
+        beta = table.start + table.step * np.arange(last * FINE + 1) / FINE
+        readings = true_readings(setup, placing_directions(axis, beta, mount), effects)[sensor.name]
+        channel = sensor.axes.index(axis)
+        before.append(readings[:, channel] / g)
+        after.append(calibration.correct(sensor, readings, g)[:, channel] / g)
+        exact = replace(table, values=true_bias(setup, effects, sensor, axis, beta[::FINE], mount))
+        step = (
+            0.0
+            if calibration.lookup == "smooth"
+            else exact.at(beta, calibration.lookup) - readings[:, channel]
+        )
+        steps.append(step / g + np.zeros(len(beta)))
+        noise.append(_look_up_errors(table, beta, sensor, axis, calibration) / g)
+    n = sum(len(part) for part in noise)
+    expected = [(D**2).sum(axis=1) + step**2 for D, step in zip(noise, steps, strict=True)]
+    weights = np.concatenate([np.linalg.eigvalsh(D.T @ D / n) for D in noise])
+    dof = effective_dof(weights, float(np.mean(np.concatenate(steps) ** 2)))
+    return _root([b**2 for b in before]), _root([a**2 for a in after]), _root(expected), dof
+
+
+def _root(squares: Sequence[Array]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def _tables(setup: Setup, calibration: Calibration) -> list[tuple[Sensor, str, BiasTable]]:
+    found = []
+    for name in calibration.sensors():
+        sensor = setup.named(name)
+        corrector = calibration.placing(sensor, setup.site.gravity)
+        found += [
+            (sensor, axis, table) for axis, table in (corrector.tables if corrector else {}).items()
+        ]
+    return found
+
+
+def _look_up_errors(
+    table: BiasTable, beta: Array, sensor: Sensor, axis: str, calibration: Calibration
+) -> Array:
+    """What each independent error of one standard uncertainty does to the look-up, (n, k)."""
+    if calibration.lookup == "smooth":
+        names = smooth_names(sensor.name, axis, len(table.wave) // 2)
+        index = [list(calibration.parameters).index(n) for n in names]
+        values, vectors = np.linalg.eigh(np.asarray(calibration.covariance)[np.ix_(index, index)])
+        B = basis(beta, len(table.wave) // 2)
+        return np.asarray(B @ vectors * np.sqrt(np.maximum(values, 0.0)))
+    t = (beta - table.start) / table.step
+    k = np.minimum((t + 1e-9).astype(int), len(table.values) - 2)
+    part = t - k
+    if calibration.lookup == "rounded":
+        part = np.round(part)
+    rows = np.arange(len(beta))
+    errors = np.zeros((len(beta), len(table.values)))
+    errors[rows, k] = (1 - part) * table.sigmas[k]
+    errors[rows, k + 1] = part * table.sigmas[k + 1]
+    return errors
+
+
+def effective_dof(weights: Array, constant: float = 0.0) -> float:
+    """Degrees of freedom of ``Q = sum of w_k chi2(1)``: the sum of the weights over the largest.
+
+    A chi-square with so many, scaled to the mean of Q, has an upper tail at least as long as that
+    of Q: the chi-square mixture of this sum and largest weight that varies most.
+
+    Args:
+        weights: w, (k,); negative ones are rounding errors and count as zero.
+        constant: mean square of a part that does not vary. It raises the sum; the cross terms
+            between it and the part that varies are counted in.
+
+    Returns:
+        At least 1. Source: M. E. Bock et al., Inequalities for linear combinations of gamma random
+        variables, Canad. J. Statist. 15 (1987) 387.
+    """
+    positive = np.maximum(np.asarray(weights, dtype=float), 0.0)
+    total = float(positive.sum()) + constant
+    largest = float(positive.max(initial=0.0))
+    if not np.isfinite(total) or largest == 0.0:
+        return 1.0
+    return max(total / (largest * (1 + constant / total)), 1.0)
+
+
+def dof_of_changes(changes: Sequence[Array]) -> float:
+    """Degrees of freedom of the mean square of ``sum of z_k d_k``, z standard normal.
+
+    Args:
+        changes: d, what each principal error of the parameters does to the result, (n,) each.
+    """
+    if not changes:
+        return 1.0
+    D = np.array(changes)
+    return effective_dof(np.asarray(np.linalg.eigvalsh(D @ D.T)))

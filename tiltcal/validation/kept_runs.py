@@ -21,8 +21,8 @@ from tiltcal.core.tasks.journal import Journal, open_journal
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.validation.accuracy import TiltError
 from tiltcal.validation.campaign.campaign_file import hash_of
+from tiltcal.validation.run_files import row_of
 from tiltcal.validation.runs import Run, SeedResult
-from tiltcal.validation.stored_rows import row_of
 
 NAME = "verify.journal"
 

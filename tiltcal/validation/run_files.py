@@ -1,16 +1,36 @@
-"""One row a run, as a table for Parquet and CSV."""
+"""Files of runs: one row a run as a table for Parquet and CSV, and JUnit XML of a verification for
+continuous integration.
+"""
 
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
-from tiltcal.core.csv_cells import cell_of
+import numpy as np
+from pydantic import TypeAdapter
+
 from tiltcal.core.files import replacing
+from tiltcal.core.safe_text import cell_of
 from tiltcal.core.units import ARCSEC
+from tiltcal.validation.acceptance import MethodResult, ScenarioResult, Verification
+from tiltcal.validation.limits import Limit
 from tiltcal.validation.runs import Row
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+_ROW = TypeAdapter(Row)
+
+
+def row_of(stored: Any) -> Row:
+    """A row as a file has it, checked.
+
+    Raises:
+        ValueError: it is none.
+    """
+    return _ROW.validate_python(stored)
+
 
 TEXT = ("scenario", "method", "verdict", "error", "matrix")
 WHOLE = ("seed", "nees_dof", "point", "replicate")
@@ -90,3 +110,37 @@ def write_runs(rows: Sequence[Row], folder: Path) -> None:
 
 def _arcsec(angle: float | None) -> float | None:
     return None if angle is None else angle / ARCSEC
+
+
+def write_junit(verification: Verification, path: Path) -> None:
+    """JUnit XML: a suite a scenario, a case a limit."""
+    seconds = f"{verification.seconds:.3f}"
+    root = ElementTree.Element("testsuites", name="tiltcal verify", time=seconds)
+    for result in verification.results:
+        suite = ElementTree.SubElement(root, "testsuite", name=_printable(result.scenario.name))
+        for method in result.methods:
+            _add_cases(suite, result, method)
+        suite.set("tests", str(len(suite)))
+        suite.set("failures", str(sum(len(case) for case in suite)))
+    ElementTree.indent(root)
+    with replacing(path) as temporary:
+        ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
+
+
+def _add_cases(suite: ElementTree.Element, result: ScenarioResult, method: MethodResult) -> None:
+    """One case a limit; one for the calibration where there is none."""
+    name, seconds = f"{result.source}.{method.title}", f"{method.seconds:.3f}"
+    for limit in method.limits or (Limit("calibration", np.nan, method.error or "", False),):
+        words = {"classname": _printable(name), "name": _printable(limit.name), "time": seconds}
+        case = ElementTree.SubElement(suite, "testcase", words)
+        if not limit.passed or method.error:
+            where = f" ({limit.where})" if limit.where else ""
+            reached = f"reached {limit.reached:.6g}{where}, allowed {limit.allowed}"
+            text = method.error or reached
+            text = _printable(text)
+            ElementTree.SubElement(case, "failure", message=text).text = text
+
+
+def _printable(text: str) -> str:
+    """Without the control characters that XML cannot hold."""
+    return "".join(c if c.isprintable() or c == "\n" else "?" for c in text)

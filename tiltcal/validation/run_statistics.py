@@ -7,8 +7,8 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import ARCSEC
+from tiltcal.validation.limits import dof_of_mean, rms_interval, tilts
 from tiltcal.validation.runs import Row
-from tiltcal.validation.tilt_limits import dof_of_mean, rms_interval, tilts
 
 LEVEL = 0.95
 

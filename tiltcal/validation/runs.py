@@ -17,8 +17,13 @@ from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, fresh
 from tiltcal.laboratory.scenario_tables import MethodTable
 from tiltcal.recordings.recording import Recording
-from tiltcal.validation.accuracy import TiltError, normalised_error, tilt_error, true_parameters
-from tiltcal.validation.gyro_accuracy import attitude_error
+from tiltcal.validation.accuracy import (
+    TiltError,
+    attitude_error,
+    normalised_error,
+    tilt_error,
+    true_parameters,
+)
 
 UNTESTED = "untested"
 

@@ -20,7 +20,7 @@ from tiltcal.calibration.firmware.log_units import with_recorded_units
 from tiltcal.calibration.firmware.placing_export import placing_numbers
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.plain_text import plain
+from tiltcal.core.safe_text import plain
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.setup import Setup
 

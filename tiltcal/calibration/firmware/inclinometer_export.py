@@ -15,8 +15,7 @@ from tiltcal.calibration.firmware.fixed_linear import Range
 from tiltcal.calibration.firmware.fixed_point import FixedMatrix, decimals, integers, places_for
 from tiltcal.calibration.firmware.linear_export import row_of
 from tiltcal.calibration.firmware.log_units import LogUnit, log_unit
-from tiltcal.calibration.inversion import ROUNDS
-from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.result import ROUNDS, Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording

@@ -100,11 +100,11 @@ def field_log(
     """
     rests = dwells(segments)
     if not rests or not any(s.kind == "move" and s.start >= rests[0].end for s in segments):
-        what = "no turn after a rest" if rests else "no rest"
+        what = "no turn after a standstill" if rests else "no standstill"
         raise TiltcalError(
             recording.source,
             found=what,
-            need=f"a rest of 20 s (at least {BIAS_SPAN:.0f} s), then turns about x, y and z",
+            need=f"a standstill of 20 s (at least {BIAS_SPAN:.0f} s), then turns about x, y and z",
             do="let the instrument lie still, then turn it; look at `tiltcal segments`",
         )
     poses = find_poses(recording, setup, gyro, rests), find_poses(recording, setup, fog, rests)
@@ -137,7 +137,7 @@ def field_log(
 
 
 def hand_turns(log: FieldLog) -> list[HandTurn]:
-    """The turns between rests, in order."""
+    """The turns between standstills, in order."""
     moving = np.concatenate([[False], log.rest < 0, [False]])
     edges = np.flatnonzero(np.diff(moving.astype(int)))
     found = []

@@ -25,7 +25,7 @@ def axis_test(log: FieldLog, state: Filtered) -> Test:
     """
     turns = _turns(log)
     if log.force is None or len(turns) < 2:
-        words = "not tested: it needs an accelerometer triad and turns between rests"
+        words = "not tested: it needs an accelerometer triad and turns between standstills"
         return threshold_test(NAME, 0.0, True, words)
     base = _carried(log, turns, state.scale)
     slopes = np.array(

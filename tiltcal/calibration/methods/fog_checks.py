@@ -80,19 +80,19 @@ def rest_test(log: FieldLog) -> Test:
     enough = length >= BIAS_SPAN - 0.5
     words = f"{length:.3g} s at rest before the first turn"
     if not enough:
-        words += f", need {BIAS_SPAN:.0f} s, better 20 s: rest again"
-    return threshold_test("rest before the turns", length, enough, words)
+        words += f", need {BIAS_SPAN:.0f} s, better 20 s: stand still longer"
+    return threshold_test("standstill before the turns", length, enough, words)
 
 
 def still_test(moved: Sequence[tuple[Segment, float]]) -> Test:
     """No motion in any rest. moved: rests with motion and its rate, rad/s."""
-    name = "still while resting"
+    name = "still at standstill"
     if not moved:
-        return threshold_test(name, 0.0, True, "the FOG sees no motion in any rest")
+        return threshold_test(name, 0.0, True, "the FOG sees no motion in any standstill")
     s, rate = moved[0]
     words = (
-        f"moved during the rest from {s.start:.4g} to {s.end:.4g} s: the FOG turns at"
-        f" {rate / DEG_H:.3g} deg/h; rest again"
+        f"moved during the standstill from {s.start:.4g} to {s.end:.4g} s: the FOG turns at"
+        f" {rate / DEG_H:.3g} deg/h; stand still again"
     )
     return threshold_test(name, rate / DEG_H, False, words)
 
@@ -134,7 +134,7 @@ def latency_test(log: FieldLog, problem: Problem) -> Test:
     late = float(seen @ left / (seen @ seen))
     scatter = max(float(left @ left) / len(log.time), 1.0)
     z = late * np.sqrt(float(seen @ seen) / scatter)
-    words = f"the FOG is late by {late * 1e3:.3g} +- {abs(late / z) * 1e3:.2g} ms to the gyro"
+    words = f"the FOG lags by {late * 1e3:.3g} +- {abs(late / z) * 1e3:.2g} ms to the gyro"
     test = chi2_test("latency", z * z, 1, words)
     if not test.passed:
         more = ": latency of one of them; shift its stamps, or state it in the scenario"
@@ -171,7 +171,7 @@ def fog_notes(log: FieldLog, state: Filtered, walk: float, determined: Mask) -> 
         _patent_note(log),
         "an error that no fit shows: 0.1 deg of the FOG's axis is up to"
         f" {limit * 1e6:.0f} ppm of scale (-du_i/u_i)",
-        "bias is the mean of the first rest; it includes the Earth's rate",
+        "bias is the mean of the first standstill; it includes the Earth's rate",
     ]
     if walk:
         notes.append(_walk_note(log, walk))
@@ -192,7 +192,7 @@ def _patent_note(log: FieldLog) -> str:
     )
     return (
         f"the filter of the patent gives and claims, in ppm: {claims}; it neglects the error of the"
-        " rest mean and S^2"
+        " standstill mean and S^2"
     )
 
 

@@ -128,7 +128,7 @@ def _require_turns(rests: Poses, recording: Recording) -> None:
             recording.source,
             found=f"{max(len(rests) - 1, 0)} turns",
             need=f"at least {LEAST_TURNS}, about all axes",
-            do="rest, turn, rest again; look at `tiltcal segments`",
+            do="stand still, turn, stand still again; look at `tiltcal segments`",
         )
 
 
@@ -145,7 +145,7 @@ def _turns_and_rests(
     g = setup.site.gravity
     poses = find_poses(recording, setup, accel, segments)
     if len(rests) != len(poses):
-        words = f"{len(rests)} rests seen by {gyro.name}, {len(poses)} by {accel.name}"
+        words = f"{len(rests)} standstills seen by {gyro.name}, {len(poses)} by {accel.name}"
         raise undetermined(recording.source, "the parameters of gyro_turns", words)
     static = StaticRates(rests, by_norm.correct(accel, poses.means, g))
     sensed = recording.sensor(accel)

@@ -117,7 +117,7 @@ def left_uncorrected(poses: Poses, g: float) -> list[str]:
         left = float(np.sqrt(np.mean((design[:, 1:] @ fit.values[1:]) ** 2)))
         notes.append(
             f"no table corrects the scale error of {axis}, {fit.values[1]:.3g} +-"
-            f" {fit.sigmas[1]:.2g}, nor its lean in the fixture (or the index error),"
+            f" {fit.sigmas[1]:.2g}, nor the fixture misalignment (or the index error),"
             f" {fit.values[2] / ARCSEC:.4g} +- {fit.sigmas[2] / ARCSEC:.2g} arcsec:"
             f" {left / g / ARCSEC:.4g} arcsec rms stay in tilt_{axis} over this sweep; six_position"
             " corrects them"

@@ -32,7 +32,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.numerical import determining
 from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import write_recording
+from tiltcal.recordings.saving import write_recording
 from tiltcal.setup.setup import Setup
 
 Method = Callable[..., Calibration]
@@ -255,7 +255,7 @@ def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> C
                 f"command {words[0]}",
                 found=f"exit status {done.returncode} ({last[0]})",
                 need="0",
-                do="run it by hand",
+                do="run it yourself",
             )
         return _stated(in_our_units(load_calibration(paths["cal"]), bare), bare, recording)
 

@@ -20,7 +20,7 @@ from tiltcal.calibration.methods.thermal_model import (
 )
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.calibration.screen.channels import channel_tests
-from tiltcal.calibration.thermal import OWNER, Course, Memory
+from tiltcal.calibration.thermal import OWNER, Memory, TemperatureCourse
 from tiltcal.calibration.validity import Test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
@@ -81,7 +81,7 @@ def thermal(
     span = float(np.ptp(temperature))
     smoothing = _smoothing(recording.time, temperature)
     tried = [
-        (m, Course.of(recording.time, temperature, smoothing, m))
+        (m, TemperatureCourse.of(recording.time, temperature, smoothing, m))
         for m in memories(recording.time, span)
     ]
     reference = float(np.mean(temperature))
@@ -112,7 +112,7 @@ def _smoothing(time: Array, temperature: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Part:
+class SensorFit:
     """One sensor over temperature.
 
     Args:
@@ -130,10 +130,12 @@ class Part:
     scale: float
     known: bool
 
-    def under(self, memory: Memory) -> "Part":
+    def under(self, memory: Memory) -> "SensorFit":
         """With the best model of that memory."""
         own = [c for c in self.tried if c.model.memory == memory]
-        return Part(self.sensor, self.blocks, self.tried, smallest(own), self.scale, self.known)
+        return SensorFit(
+            self.sensor, self.blocks, self.tried, smallest(own), self.scale, self.known
+        )
 
     def heldout_test(self) -> Test:
         """Do blocks that were left out fit as those that were not?"""
@@ -150,7 +152,7 @@ class Part:
         plain = smallest([c for c in self.tried if c.model.memory.kind == "none"])
         notes = []
         if self.choice.model.memory.kind != "none":
-            before = Part(self.sensor, self.blocks, (), plain, self.scale, self.known)
+            before = SensorFit(self.sensor, self.blocks, (), plain, self.scale, self.known)
             notes.append(
                 f"{self.sensor.name}: a polynomial of temperature alone (order {plain.model.bias})"
                 f" leaves {_sizes(before)} of readings left out, with a"
@@ -187,7 +189,7 @@ class Part:
         return found, blocks
 
 
-def _sizes(part: Part) -> str:
+def _sizes(part: SensorFit) -> str:
     """Held-out rms of each channel in its own words."""
     if part.sensor.quantity == "rate":
         return ", ".join(f"{np.degrees(v):.3g}" for v in part.choice.heldout) + " deg/s"
@@ -199,17 +201,17 @@ def _part(
     setup: Setup,
     sensor: Sensor,
     stretches: Sequence[Segment],
-    tried: Sequence[tuple[Memory, Course]],
+    tried: Sequence[tuple[Memory, TemperatureCourse]],
     reference: float,
     scale: float,
-) -> Part:
+) -> SensorFit:
     """All models of one sensor."""
     blocks, known = blocks_of(recording, setup, sensor, stretches)
     found = compared(blocks, tried, reference, scale)
-    return Part(sensor, blocks, found, smallest(found), scale, known)
+    return SensorFit(sensor, blocks, found, smallest(found), scale, known)
 
 
-def _common_memory(parts: Sequence[Part]) -> Memory:
+def _common_memory(parts: Sequence[SensorFit]) -> Memory:
     """The memory that all sensors share: they sit in one body."""
     kinds = {c.model.memory: 0.0 for p in parts for c in p.tried}
     for memory in kinds:
@@ -222,7 +224,7 @@ def _common_memory(parts: Sequence[Part]) -> Memory:
     return plain if kinds[plain] <= kinds[best] + spread else best
 
 
-def _both_ways(course: Course, span: float) -> Test:
+def _both_ways(course: TemperatureCourse, span: float) -> Test:
     """Was most of the range passed warming and cooling?"""
     edges = np.linspace(course.level.min(), course.level.max(), 21)
     place = np.clip(np.digitize(course.level, edges) - 1, 0, 19)
@@ -234,13 +236,13 @@ def _both_ways(course: Course, span: float) -> Test:
     words = f"{both:.0%} of the range of {span:.3g} degC was passed warming and cooling"
     ok = both >= BOTH_WAYS
     if not ok:
-        words += ": lag and hysteresis cannot be told from the polynomial; record the way back"
+        words += ": lag and hysteresis cannot be separated from the polynomial; record the way back"
     return threshold_test("warming and cooling", both, ok, words)
 
 
 def _calibration(
     recording: Recording,
-    parts: Sequence[Part],
+    parts: Sequence[SensorFit],
     shared: dict[str, tuple[float, str]],
     tests: Sequence[Test],
     warnings: Sequence[str],

@@ -55,7 +55,7 @@ def stretches_at_rest(
     labels = recording.labels
     label = None if labels is None else next((w for w in labels if w), None)
     whole = Segment(start, end, 0, len(recording), "dwell", label)
-    return [whole], ["no rests are found: the whole recording is taken as one attitude"]
+    return [whole], ["no dwells are found: the whole recording is taken as one attitude"]
 
 
 def blocks_of(

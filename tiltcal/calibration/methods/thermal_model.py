@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from tiltcal.calibration.thermal import Course, Memory
+from tiltcal.calibration.thermal import Memory, TemperatureCourse
 from tiltcal.core.arrays import Array, Index
 from tiltcal.core.frames import AXES
 
@@ -135,7 +135,10 @@ def folds_of(blocks: Blocks) -> Index:
 
 
 def compared(
-    blocks: Blocks, courses: Sequence[tuple[Memory, Course]], reference: float, scale: float
+    blocks: Blocks,
+    courses: Sequence[tuple[Memory, TemperatureCourse]],
+    reference: float,
+    scale: float,
 ) -> list[Choice]:
     """Every model with its held-out errors.
 

@@ -188,10 +188,10 @@ def _sticky(found: Locations, poses: Poses, codes: Array) -> Test:
     code = float(codes.max())
     ratio = code / np.sqrt(24) / noise
     words = (
-        f"a median sticks to codes of {code:.3g} m/s2: {ratio:.2g} times its noise; use the mean,"
+        f"a median sticks to LSBs of {code:.3g} m/s2: {ratio:.2g} times its noise; use the mean,"
         " or estimator=inliers"
     )
-    return threshold_test("median against codes", ratio, ratio < 1, words)
+    return threshold_test("median against quantisation", ratio, ratio < 1, words)
 
 
 def _notes(

@@ -52,7 +52,9 @@ def channel_tests(
             frozen.append(f"{name} repeats one value from {start:.6g} to {end:.6g} s")
     alive = "every channel varies"
     if dead:
-        alive = f"{', '.join(dead)} constant throughout: dead, disconnected or of too coarse codes"
+        alive = (
+            f"{', '.join(dead)} constant throughout: dead, disconnected or too coarsely quantised"
+        )
     still = "no channel froze"
     if frozen:
         still = "; ".join(frozen) + ": frozen, leave that stretch out"

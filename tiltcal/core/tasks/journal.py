@@ -45,7 +45,7 @@ class Journal:
         """Write a finished task; one of the same key is replaced.
 
         Raises:
-            TiltcalError: there is no room for it.
+            TiltcalError: there is no free space for it.
         """
         packed = zlib.compress(record.encode(), FAST)
         with self._explained():
@@ -82,11 +82,11 @@ class Journal:
             yield
         except (sqlite3.Error, zlib.error, UnicodeDecodeError, TypeError) as error:
             words = str(error)
-            need, do = "room for it", "make room and run the same command again"
+            need, do = "free space for it", "free some space and run the same command again"
             if "locked" in words:
                 need, do = "one that no other process writes to", "wait for that process, or end it"
             elif not isinstance(error, sqlite3.Error) or any(w in words for w in DAMAGED):
-                need, do = "a journal", "choose another output, or remove it and begin anew"
+                need, do = "a journal", "choose another output, or remove it and start again"
             raise TiltcalError(f"journal {self.path}", found=words, need=need, do=do) from error
 
 
@@ -104,7 +104,7 @@ def open_journal(path: Path) -> Iterator[Journal]:
             f"journal {path}",
             found=str(error),
             need="a folder that can be written",
-            do="choose another place",
+            do="choose another location",
         ) from error
     try:
         yield Journal(path, connection)

@@ -18,9 +18,9 @@ RIG = "tiltcal/Rig-v0"
 
 def register_envs() -> None:
     """Register the environments; twice does no harm."""
-    places = {id: (f"environment:{name}", f"vector:{name}Vector") for id, name in IDS.items()} | {
-        RIG: ("rig_environment:RigEnvironment", "rig_environment:RigEnvironmentVector")
-    }
+    places = {
+        id: (f"environment:{name}", f"environment:{name}Vector") for id, name in IDS.items()
+    } | {RIG: ("rig_environment:RigEnvironment", "rig_environment:RigEnvironmentVector")}
     for id, (single, many) in places.items():
         if id not in gymnasium.registry:
             gymnasium.register(

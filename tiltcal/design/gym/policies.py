@@ -11,8 +11,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.design.classic import baseline
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.gym.calibrations import Bench, Task
+from tiltcal.design.gym.environment import CalibrationVector
 from tiltcal.design.gym.spaces import DWELLS, action_of, menu
-from tiltcal.design.gym.vector import CalibrationVector
 from tiltcal.design.plan import design
 from tiltcal.design.polynomial import textbook_model
 
@@ -112,28 +112,3 @@ def _greedily(task: Task) -> Iterator[tuple[Array, float]]:
 def _joined(poses: Iterator[tuple[Array, float]]) -> tuple[Array, Array]:
     listed = list(poses)
     return np.array([a for a, _ in listed]), np.array([d for _, d in listed])
-
-
-def leaderboard(
-    tasks: dict[str, Task], more: dict[str, Callable[[Task], Policy]] | None = None, seed: int = 0
-) -> list[list[str]]:
-    """A table: one row a policy, one column a task, nats; of ``random`` the median of 200 episodes.
-
-    Args:
-        tasks: by name.
-        more: other policies by name, each made for a task.
-        seed: of the search and of the random policy.
-    """
-    rows = []
-    makers: dict[str, Callable[[Task], Policy]] = {name: _maker(name, seed) for name in BASELINES}
-    for name, make in {**makers, **(more or {})}.items():
-        worth = [
-            float(np.median(rollout(make(t), t, 200 if name == "random" else 1)))
-            for t in tasks.values()
-        ]
-        rows.append([name, *(f"{w:.2f}" for w in worth)])
-    return rows
-
-
-def _maker(name: str, seed: int) -> Callable[[Task], Policy]:
-    return lambda task: named(name, task, seed)

@@ -76,7 +76,7 @@ def main() -> None:
     task = Task()
     trained = train(task)
     print(
-        f"trained linear law: {float(rollout(trained, task)[0]):.2f} nats after"
+        f"trained linear policy: {float(rollout(trained, task)[0]):.2f} nats after"
         f" {len(trained.history)} generations"
     )
     for name in ("random", "24", "greedy", "design"):

@@ -7,25 +7,27 @@ from dataclasses import replace
 from typing import Any
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.conclusions.calibration_notes import implausible, untested_of
 from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, undetectable_of
-from tiltcal.diagnosis.conclusions.fault_findings import (
-    finding_of,
-    repeated_stamps,
-    rows_out_of_order,
-)
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, Fitness, verdict_of
 from tiltcal.diagnosis.conclusions.fit_figures import fitness_of, rms_of, under_fixed_white
 from tiltcal.diagnosis.conclusions.law_plots import laws_of
-from tiltcal.diagnosis.conclusions.nameless_findings import nameless_doubts, nameless_findings
 from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport, noise_report
+from tiltcal.diagnosis.conclusions.other_findings import (
+    finding_of,
+    nameless_doubts,
+    nameless_findings,
+    repeated_stamps,
+    rows_out_of_order,
+)
 from tiltcal.diagnosis.conclusions.residual_plots import spectra_of, views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
 from tiltcal.diagnosis.conclusions.statements import (
     doubted,
+    implausible,
     law_name,
     not_reproduced,
     summary,
+    untested_of,
     untold,
 )
 from tiltcal.diagnosis.data.observations import Observations

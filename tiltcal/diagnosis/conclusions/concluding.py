@@ -9,33 +9,36 @@ from typing import Any
 import numpy as np
 
 from tiltcal.design.identifiability import POWER
-from tiltcal.diagnosis.conclusions.amended_scenario import amended_table
-from tiltcal.diagnosis.conclusions.events import beside_drawn_anew, place_of
 from tiltcal.diagnosis.conclusions.finding import Finding, Undetectable, Where, in_words
-from tiltcal.diagnosis.conclusions.likelihood_gains import LikelihoodGain, likelihood_gains
-from tiltcal.diagnosis.conclusions.next_steps import next_step, step_for_one
-from tiltcal.diagnosis.conclusions.one_recording import mean_and_rest
-from tiltcal.diagnosis.conclusions.parts import fitted_as, parts_of, strongest
+from tiltcal.diagnosis.conclusions.fit_figures import LikelihoodGain, likelihood_gains
+from tiltcal.diagnosis.conclusions.one_recording import (
+    beside_drawn_anew,
+    mean_and_deviations,
+    place_of,
+)
+from tiltcal.diagnosis.conclusions.parts import amended_table, fitted_as, parts_of, strongest
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange, seen_range
 from tiltcal.diagnosis.conclusions.statements import (
     LATE,
     coordinate_of_effect,
     harmonic_of,
     learned_name,
+    next_step,
     shown,
     stage_of,
+    step_for_one,
     sums_only,
 )
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw, whole_law
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED
+from tiltcal.diagnosis.model.finding_tests import remove_finding
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
-from tiltcal.diagnosis.model.removed_finding import remove_finding
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.candidates import Names
 from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
@@ -226,7 +229,7 @@ def amended_of(
     ]
     for places in fitted.findings():
         effects = [_dated(fitted, k, first) for k in places]
-        effects = mean_and_rest(fitted, places, effects, observations)
+        effects = mean_and_deviations(fitted, places, effects, observations)
         if fitted.terms[places[0]].hypothesis.listed:
             effects = _beyond_seen(effects)
         marked += [(e, numbers[places[0]]) for e in effects]

@@ -1,13 +1,17 @@
-"""The parts of a finding: every effect that the amended scenario holds because of it."""
+"""The parts of a finding: every effect that the amended scenario holds because of it.
 
+The amended scenario: the scenario with its calibration and findings.
+"""
+
+import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.conclusions.events import place_of
-from tiltcal.diagnosis.conclusions.part import Part
+from tiltcal.diagnosis.conclusions.finding import FindingPart
+from tiltcal.diagnosis.conclusions.one_recording import place_of
 from tiltcal.diagnosis.conclusions.statements import learned_name, shown, stage_of
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw
 from tiltcal.diagnosis.data.observations import Observations
@@ -16,6 +20,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.effects import CATALOGUE, Effect, to_file
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.parameter import by_name
+from tiltcal.laboratory.scenario import Scenario
 
 SHOWN = 0.05  # share of a signal's energy that a channel has to hold to be named
 PLACE = ("id", "on", "place", "role", "sensor", "axis", "seen_in")  # keys that are no curve's own
@@ -23,7 +28,7 @@ PLACE = ("id", "on", "place", "role", "sensor", "axis", "seen_in")  # keys that 
 
 def parts_of(
     fitted: FittedModel, places: Sequence[int], law: WholeLaw, observations: Observations
-) -> tuple[Part, ...]:
+) -> tuple[FindingPart, ...]:
     """The parts of a finding, the leading one first.
 
     Args:
@@ -44,10 +49,10 @@ def parts_of(
     )
 
 
-def part_of(fault: Fault) -> Part:
+def part_of(fault: Fault) -> FindingPart:
     """A fault of the data as the only part of its finding."""
     effect = fault.effect
-    return Part(
+    return FindingPart(
         effect.id,
         CATALOGUE[effect.id].title,
         effect.stage,
@@ -58,7 +63,7 @@ def part_of(fault: Fault) -> Part:
     )
 
 
-def fitted_as(parts: Sequence[Part]) -> str:
+def fitted_as(parts: Sequence[FindingPart]) -> str:
     """The parts of a finding in words, those of one description together; empty for a single
     part.
     """
@@ -93,7 +98,7 @@ def strongest(
 
 def _part(
     term: FittedTerm, sigmas: Array, axes: tuple[str, ...], share: float, recording: str | None
-) -> Part:
+) -> FindingPart:
     effect = term.effect
     curve: dict[str, Any] = {}
     if isinstance(effect, Learned):
@@ -102,7 +107,7 @@ def _part(
     else:
         words = CATALOGUE[effect.id].title
     fitted = dict(zip(term.names, np.asarray(sigmas).tolist(), strict=True))
-    return Part(
+    return FindingPart(
         effect.id,
         words,
         stage_of(effect),
@@ -130,10 +135,46 @@ def _values(effect: Effect, sigmas: dict[str, float]) -> dict[str, tuple[float, 
     }
 
 
-def _said(part: Part, apart: bool) -> str:
+def _said(part: FindingPart, apart: bool) -> str:
     """A part in words, with its sizes where it has names for them; apart: with its recording."""
     place = f" {part.recording}" if apart and part.recording else ""
     if part.curve:
         return f"{part.description}{place}"
     sizes = {n: (v, s) for n, (v, s) in part.parameters.items() if s is not None}
     return f"{part.effect}{place} with {shown(sizes)}"
+
+
+AMENDED = ", amended"
+
+
+def amended_table(
+    scenario: Scenario, effects: Sequence[tuple[Effect, int | None]], reference: float | None
+) -> dict[str, Any]:
+    """A scenario's table with these effects in place of its own.
+
+    Args:
+        scenario: as it was.
+        effects: all that the model holds, the scenario's own among them, each with the number of
+            the finding it belongs to, from 1; None for what is no finding.
+        reference: T0 of the first recording, degC.
+    """
+    stated = json.loads(
+        scenario.model_dump_json(
+            exclude_none=True, exclude_defaults=True, by_alias=True, exclude={"effect"}
+        )
+    )
+    name = f"{scenario.name.removesuffix(AMENDED)}{AMENDED}"
+    table = {"schema": 1, "name": name} | {
+        k: v for k, v in stated.items() if k not in ("schema", "name")
+    }
+    if reference is not None:
+        table["climate"] = {**table.get("climate", {}), "reference_degC": reference}
+    table["effect"] = [
+        to_file(e) if number is None else _numbered(to_file(e), number) for e, number in effects
+    ]
+    return table
+
+
+def _numbered(table: dict[str, Any], finding: int) -> dict[str, Any]:
+    """An effect's table with the number of its finding after the id."""
+    return {"id": table["id"], "finding": finding} | {k: v for k, v in table.items() if k != "id"}

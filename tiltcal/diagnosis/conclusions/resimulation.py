@@ -6,7 +6,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.diagnosis.conclusions.fit_figures import FEWEST
+from tiltcal.diagnosis.conclusions.fit_figures import MIN_SAMPLES
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.finding_tests import ALPHA
 from tiltcal.laboratory.laboratory import Laboratory
@@ -89,7 +89,7 @@ def resimulate(
             continue
         run = _as_simulated(channel, runs[channel.recording], amended)
         there = ~np.isnan(run) & ~np.isnan(algebra)
-        if there.sum() < FEWEST:
+        if there.sum() < MIN_SAMPLES:
             continue
         read, fit, again = (channel.weighed(v)[there] for v in (channel.values, algebra, run))
         noise = robust_white(read - fit)

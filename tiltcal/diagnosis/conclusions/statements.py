@@ -1,18 +1,82 @@
-"""Findings in words."""
+"""Findings in words.
+
+What is said of the calibration where the adjustable terms take up what they should not.
+
+What to record next, in words.
+"""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from tiltcal.core.units import G0
+from tiltcal.design.identifiability import tie_breaker
 from tiltcal.diagnosis.conclusions.finding import Finding, Fitness
 from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.diagnosis.model.refitting import PRIOR
+from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_coordinates import TURN_RATE, WAY
 from tiltcal.effects.curve_products import ORDERS
 from tiltcal.effects.learned import Learned, LearnedDelay, LearnedReadout, LearnedTilt
 from tiltcal.setup.setup import Rig, Setup
 from tiltcal.setup.tables import angle_channel, axis_of
+
+FAR = 5.0  # standard deviations of their prior: one term in two million is as large
+AT_ONE_POINT = (
+    "The table does not move, and the adjustable terms take up whatever the readings of its stops"
+    " are off: only changes in time were tested. Record more attitudes, and the moves between them."
+)
+
+
+def untested_of(observations: Observations, rank: int) -> list[str]:
+    """What was not tested, where all is at rest, at so few stops that the fitted parameters take up
+    every mean.
+
+    Args:
+        observations: what was read; rank: independent parameters fitted to it.
+    """
+    stops = [channel.stop for channel in observations.channels]
+    still = observations.scenario.rig.axes and all(bool((stop >= 0).all()) for stop in stops)
+    few = sum(len(np.unique(stop)) for stop in stops) <= rank
+    return [AT_ONE_POINT] if still and few else []
+
+
+def implausible(fitted: FittedModel) -> list[str]:
+    """The adjustable terms that are far larger than any instrument's, as notes."""
+    found = []
+    for term in fitted.nuisance:
+        effect, words = term.effect, []
+        for name, value in zip(term.names, term.values, strict=True):
+            times = abs(value) / term.hypothesis.size(name)
+            if times > FAR * PRIOR:
+                words.append(f"{name} is {times:.3g} times a plausible size")
+        if words:
+            where = f" of {effect.sensor}" if effect.sensor else ""
+            found.append(
+                f"calibration: {effect.id}{where}: {', '.join(words)}; check the units, the gravity"
+                " and the axes that the scenario states"
+            )
+    return found
+
+
+def next_step(names: tuple[str, ...], effect: Effect) -> str:
+    """What to record to split a class, or to confirm a single name."""
+    others = [n for n in names if n != effect.id and n in CATALOGUE]
+    if effect.id in CATALOGUE and others:
+        return "; ".join(dict.fromkeys(tie_breaker(effect.id, other) for other in others[:3]))
+    if isinstance(effect, Learned):
+        return "record the same coordinate again in another order, to see that the curve repeats"
+    return f"record {effect.excited_by} again, to confirm"
+
+
+def step_for_one(recording: str) -> str:
+    """What to do about a cause without a name that not all recordings have. recording: in words."""
+    which = recording.removeprefix("in ")
+    return f"diagnose {which} apart: only causes that all recordings share have a name"
+
 
 FOLLOWS = {
     "temperature": "temperature",
@@ -255,7 +319,7 @@ def untold(rig: Rig, samples: int, columns: int) -> str:
     on_table = "poses with the table read while the sensors are sampled, more than there are terms"
     record = by_hand if not rig.axes else on_table
     if not samples:
-        missing = "rests" if not rig.axes else "table angles beside readings of a sensor"
+        missing = "rests" if not rig.axes else "table angles with readings of a sensor"
         why = f"The recording holds no {missing}, so nothing in it tests the model"
     else:
         why = (

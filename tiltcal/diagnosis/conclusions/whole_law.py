@@ -7,10 +7,10 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.model.cosine_basis import projected
+from tiltcal.diagnosis.model.finding_tests import RemovedFinding
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
-from tiltcal.diagnosis.model.removed_finding import RemovedFinding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.statistics.projection import DISTINCT
+from tiltcal.statistics.least_squares import DISTINCT
 
 TELLING = 0.5  # of a size: less of another one's signal is not worth a word
 

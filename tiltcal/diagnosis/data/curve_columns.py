@@ -1,5 +1,11 @@
 """How the channels of a table change with each coefficient of a curve: the curve times what a
 place of the chain answers to it.
+
+Changes of a channel by the coefficients of a curve, as factors: the curve, which many places
+share, and what the channel answers to it at one of them.
+
+At an instant the motion depends on a turn's angle, rate and acceleration at that instant only: the
+curve's value, rate and acceleration, each times the answer to it, are the change.
 """
 
 from collections.abc import Iterator, Sequence
@@ -8,8 +14,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.block_grid import Sampling
-from tiltcal.diagnosis.data.curve_factors import CurveFactors, SharedCurve
-from tiltcal.diagnosis.data.observations import Channel
+from tiltcal.diagnosis.data.observations import Channel, CurveFactors, SharedCurve
 from tiltcal.effects.learned import Learned
 from tiltcal.forward.nominal_motion import Answers, NominalMotion
 from tiltcal.setup.trajectory import Jet

@@ -36,7 +36,7 @@ def stuck_values(
     found = []
     for axis in fine:
         rows, time, values = column_values(recording, sensor, axis)
-        if len(values) < FEWEST:
+        if len(values) < MIN_SAMPLES:
             continue
         first, last = runs_of(np.diff(values) == 0)
         runs = np.sort(last - first)
@@ -75,7 +75,7 @@ def stuck_values(
     return recording, found
 
 
-FEWEST = 32  # samples that repeats are told from
+MIN_SAMPLES = 32  # samples that repeats are told from
 FINE = 0.1
 """Chance of a repeat on one axis up to which codes are fine: a third of the noise."""
 
@@ -105,7 +105,7 @@ def lacking_bits(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> l
         bit *= span / float(np.ptp(codes))
         effect = AdcStuckBit({"bit_value": bit}, sensor.name, axis, "found")
         words = (
-            f"In {sensor.name} {axis} the bit worth {bit:.4g} (SI) is never set: half of all codes"
+            f"In {sensor.name} {axis} the bit worth {bit:.4g} (SI) is never set: half of all values"
             " are missing."
         )
         found.append(
@@ -202,7 +202,7 @@ def repeated_samples(
     again, expected, columns = [], [], []
     for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)
-        if len(values) < FEWEST:
+        if len(values) < MIN_SAMPLES:
             continue
         columns.append((axis, rows, values))
         again.append(np.concatenate([[False], np.diff(values) == 0]))

@@ -9,7 +9,7 @@ from tiltcal.effects.timing.readout_timing import ReadoutRate
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 
-FEWEST = 16  # steps of a move that an interval is told from
+MIN_STEPS = 16  # steps of a move that an interval is told from
 MOVING = 0.1  # of the largest steps: smaller ones are the ends of moves, or noise at rest
 CODES = 4.0  # a step of so many codes is no slow turn of a coarse readout
 ALIKE = 0.98  # of the intervals: they are whole numbers of rows next to their mean
@@ -29,12 +29,12 @@ def held_readout(recording: Recording, scenario: Scenario) -> list[Fault]:
     step = float(np.median(np.diff(recording.time)))
     words = (
         f"The readout of the table is updated every {1e3 * interval:.4g} ms only; in between the"
-        " file repeats it. Rests and steady turns are compared, and no other moves."
+        " file repeats it. Dwells and steady turns are compared, and no other moves."
     )
     first = scenario.sensor[0]
     effect = ReadoutRate({"interval": interval}, None, None, "found")
     return [
-        Fault(effect, (first.name,), tuple(first.axes), words, sigma={"interval": step / FEWEST})
+        Fault(effect, (first.name,), tuple(first.axes), words, sigma={"interval": step / MIN_STEPS})
     ]
 
 
@@ -45,16 +45,16 @@ def update_interval(time: Array, angle: Array) -> float | None:
     read = np.flatnonzero(~np.isnan(angle))
     new = np.flatnonzero(np.diff(angle[read], prepend=np.nan) != 0)
     steps = np.abs(np.diff(angle[read][new]))
-    if len(steps) <= FEWEST:
+    if len(steps) <= MIN_STEPS:
         return None
-    moving = steps > MOVING * np.partition(steps, -FEWEST)[-FEWEST]
+    moving = steps > MOVING * np.partition(steps, -MIN_STEPS)[-MIN_STEPS]
     code = code_grid(angle[read])
     inside = np.flatnonzero(moving[1:] & moving[:-1]) + 1
-    if len(inside) < FEWEST or (code and np.median(steps[inside]) < CODES * code):
+    if len(inside) < MIN_STEPS or (code and np.median(steps[inside]) < CODES * code):
         return None
     rows = np.diff(new)[inside]
     mean = float(np.mean(rows))
     alike = np.abs(rows - mean) < 1
-    if mean < 2 - 1 / FEWEST or np.mean(alike) < ALIKE:
+    if mean < 2 - 1 / MIN_STEPS or np.mean(alike) < ALIKE:
         return None
     return float(np.mean(np.diff(time[read][new])[inside][alike]))

@@ -32,7 +32,6 @@ from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
 from tiltcal.effects.timing.delays import DataJitter
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.fingerprint import fingerprint_of
-from tiltcal.recordings.kept_readouts import forget_replays
 from tiltcal.recordings.pieces import estimated_rows, joined, part_of, read_pieces
 from tiltcal.recordings.recording import Recording, is_reading
 from tiltcal.recordings.span_means import (
@@ -42,8 +41,9 @@ from tiltcal.recordings.span_means import (
     averaging_note,
     whole_spans,
 )
+from tiltcal.recordings.table_standstills import forget_replays
 from tiltcal.setup.sensor import Sensor
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import WhiteFlickerWalk
 
 AVERAGES = 250_000  # that are left of a recording, at most
 PART = 100_000  # rows that are held sample by sample

@@ -9,7 +9,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.quantisation import code_width
 from tiltcal.diagnosis.data.channels import changed
-from tiltcal.diagnosis.data.handheld_rests import known_stops
+from tiltcal.diagnosis.data.handheld_recording import known_stops
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.flat_and_repeated import noise_of
@@ -22,10 +22,10 @@ from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 GROSS = 8.0  # sigma: nearer in, a heavy tail is no fault
 ENDS = 3  # samples to either side of where a stop begins or ends
 TAIL = 0.1  # share of the number between 4 and GROSS sigma that a heavy tail has beyond
-TOUCHED = 1.0  # the same in a hand, where no model tells a touch from noise
+HAND_HELD_TAIL = 1.0  # the same in a hand, where no model tells a touch from noise
 STRETCH = 51  # rows whose median tells the local deviation
 BRIEF = 15  # of them, within a move
-FEWEST = 32  # rows that tell one at all
+MIN_ROWS = 32  # rows that tell one at all
 ISOLATED = 0.3  # share of its distance that its neighbours may be off as well
 
 
@@ -40,7 +40,7 @@ def find_outliers(
     of theirs stands off its neighbours.
     """
     scenario = observations.scenario
-    heavy = TAIL if scenario.rig.axes or scenario.sensors("fog") else TOUCHED
+    heavy = TAIL if scenario.rig.axes or scenario.sensors("fog") else HAND_HELD_TAIL
     repaired = list(observations.sources)
     together = zip(observations.sources, observations.recordings, observations.stops, strict=True)
     stops = [stop if used is source else known_stops(source) for source, used, stop in together]
@@ -109,7 +109,7 @@ def off_neighbours(values: Array, speed: Array | None = None) -> Array:
     """
     from scipy.ndimage import median_filter
 
-    if len(values) < 2 * FEWEST:
+    if len(values) < 2 * MIN_ROWS:
         return np.zeros(len(values))
     off = np.abs(values - median_filter(values, 5, mode="nearest"))
     bent = np.zeros(len(values))  # off the cubic through two neighbours on each side
@@ -117,7 +117,7 @@ def off_neighbours(values: Array, speed: Array | None = None) -> Array:
     # the crest of a quick turn is where its flanks say
     off[2:-2] = np.minimum(off, np.abs(bent))[2:-2]
     local = MAD_TO_SIGMA * median_filter(off, STRETCH, mode="nearest")
-    if speed is not None and (speed > 0).sum() > FEWEST:
+    if speed is not None and (speed > 0).sum() > MIN_ROWS:
         turning = np.flatnonzero(speed > 0)
         alike = turning[np.argsort(speed[turning], kind="stable")]
         for rows, width in ((alike, STRETCH), (turning, BRIEF)):

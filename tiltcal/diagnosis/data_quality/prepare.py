@@ -38,8 +38,13 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.cosine_transform import cosines
 from tiltcal.statistics.dwell_noise import robust_white
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, estimate_noise, white_noise
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import (
+    NoiseFit,
+    NoiseModel,
+    WhiteFlickerWalk,
+    estimate_noise,
+    white_noise,
+)
 
 PASSES = 5  # of putting missing bits back
 

@@ -13,7 +13,7 @@ from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import DataTruncation
 from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.statistics.projection import column_space
+from tiltcal.statistics.least_squares import column_space
 
 BLURRED = ("motion", "direction")  # needs of what moves tell: rates, and which way a table came
 

@@ -17,7 +17,7 @@ from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.stop_errors import mistyped
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.base import Effect
-from tiltcal.effects.events import as_met
+from tiltcal.effects.events import active_in
 from tiltcal.forward.signal_chain import readings
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay
@@ -139,7 +139,7 @@ def _unfollowed(
     angle = course.angles[jump.axis] - jump.error * jump.rows
     level = replace(course, angles={**course.angles, jump.axis: angle})
     own = [c for c in observations.channels if c.recording == number]
-    met = as_met(effects, observations.recordings[number].fingerprint)
+    met = active_in(effects, observations.recordings[number].fingerprint)
     times = dict.fromkeys(sorted({c.sensor for c in own}), course.time)
     gone, stayed = (
         readings(observations.scenario, c, times, met) for c in (_with_moves(level, jump), level)

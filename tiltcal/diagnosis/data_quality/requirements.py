@@ -63,6 +63,6 @@ def _require_rest(scenario: Scenario, static: Recording) -> None:
             static.source,
             found=f"a table that moves and stops {stops.max() + 1} times",
             need="a record at rest (--static), in which it stands still",
-            do="cut it to one rest, or leave --static out: the noise is then taken from the"
+            do="cut it to one standstill, or leave --static out: the noise is then taken from the"
             " recording",
         )

@@ -16,10 +16,10 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.effects.table.readout import EncoderZero, IndexError_
+from tiltcal.effects.table.readout import EncoderZero, SettingScatter
 from tiltcal.statistics.noise_spectrum import NoiseFit
 
-FEWEST = 8  # stops of an axis
+MIN_STOPS = 8  # stops of an axis
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class Rotations:
     combinations of them, each with standard normal noise.
 
     Args:
-        told: the combinations, (k,).
-        root: told = root @ rotations, 1/rad, (k, n); its rows are orthogonal.
+        projections: the estimated combinations, (k,).
+        root: projections = root @ rotations, 1/rad, (k, n); its rows are orthogonal.
     """
 
-    told: Array
+    projections: Array
     root: Array
 
     def spread(self) -> tuple[float, float]:
@@ -60,11 +60,11 @@ class Rotations:
 
         def cost(log_variance: float) -> float:
             ratio = np.exp(log_variance) * information
-            return float((np.log1p(ratio) + self.told**2 / (1 + ratio)).sum())
+            return float((np.log1p(ratio) + self.projections**2 / (1 + ratio)).sum())
 
-        if not (information * (self.told**2 - 1)).sum() > 0:  # the slope at zero
+        if not (information * (self.projections**2 - 1)).sum() > 0:  # the slope at zero
             return 0.0, 0.0
-        largest = float((self.told**2 / information).max())
+        largest = float((self.projections**2 / information).max())
         bounds = float(np.log(1e-3 / information.max())), float(np.log(largest))
         variance = float(np.exp(minimize_scalar(cost, bounds=bounds, method="bounded").x))
         ratio = information / (1 + variance * information)
@@ -121,7 +121,7 @@ def find_setting_error(
         return None
     names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
     axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
-    effect = IndexError_({"sigma": sigma}, None, axis, "found")
+    effect = SettingScatter({"sigma": sigma}, None, axis, "found")
     words = (
         f"The {axis} axis stops at random about its setting, {np.degrees(sigma) * 3600:.3g} arcsec"
         " rms: each stop has its own rotation."
@@ -223,7 +223,7 @@ def stops_by_axis(
     """
     for axis in observations.scenario.rig.kind.turning:
         stops = _stops(observations, axis, fitted)
-        if len(stops) >= FEWEST:
+        if len(stops) >= MIN_STOPS:
             yield axis, stops
 
 

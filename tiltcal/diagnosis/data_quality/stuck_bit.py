@@ -32,7 +32,7 @@ LIKE_HALF = 0.5
 ZOOMS = 4  # of eight times each
 TRIES = 5  # of the most likely bits
 LEAST = 64  # values
-CLEAR = 4.0  # times the noise of a FOG, at least, of what a bit of a gyro is along it
+MIN_BIT_OVER_NOISE = 4.0  # times the noise of a FOG, at least, of what a bit of a gyro is along it
 
 
 def stuck_bit(values: Array) -> float | None:
@@ -188,7 +188,7 @@ def _predicted(
                 told = (
                     scenario.named(name).kind == "gyro"
                     and len(quiet) > 2
-                    and abs(along) * bit > CLEAR * robust_white(quiet)
+                    and abs(along) * bit > MIN_BIT_OVER_NOISE * robust_white(quiet)
                 )
                 if told and np.isin(channel.rows, read).all():
                     yield channel.recording, scenario.named(name), axis, channel.rows, -r / along

@@ -37,7 +37,7 @@ FAR = 4.0  # sigma: what is farther out in a channel counts as that
 WILD = 20.0  # times the noise of a channel: a gross value
 LAGS = 8  # rows
 IN_COMMON = 0.3  # share of the excess that a row may have in common with one of those before
-FEWEST = 32  # pairs of rows
+MIN_PAIRS = 32  # pairs of rows
 SPOILS = 0.3  # of the noise: a sample that a random stamp moves by more is left out
 
 
@@ -74,7 +74,7 @@ def _evidence(
         if one.recording != other.recording:
             continue
         rows, at, there = np.intersect1d(one.rows, other.rows, return_indices=True)
-        if len(rows) < 2 * FEWEST:
+        if len(rows) < 2 * MIN_PAIRS:
             continue
         r = np.array([residuals[i][at], residuals[j][there]])
         s = np.array([slopes[i][at], slopes[j][there]])
@@ -96,7 +96,7 @@ def _covariance(r: Array, s: Array, moving: Mask) -> tuple[float, float, float]:
     moves: Mask = np.asarray(moving[:n].reshape(-1, 2).any(axis=1))
     kept = (steps != 0).all(axis=0)  # lost samples have no residual
     steps, pairs, moves = steps[:, kept], pairs[:, kept], moves[kept]
-    if len(moves) < FEWEST:
+    if len(moves) < MIN_PAIRS:
         return 0.0, 0.0, 0.0
     means = (
         np.linalg.qr(np.column_stack([np.ones(len(moves)), moves]))[0]

@@ -32,12 +32,12 @@ from tiltcal.effects.data.labelling_faults import (
     DataRotationSense,
     DataUnit,
 )
-from tiltcal.effects.events import as_met
+from tiltcal.effects.events import active_in
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.laboratory import restored
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.replay import replay
+from tiltcal.recordings.replay import Replay, replay
 from tiltcal.setup.sensor import Sensor
 
 ROWS = 4000  # compared
@@ -160,7 +160,7 @@ def _likeliest(versions: Sequence[Version]) -> list[Fault]:
 
 
 def _version(
-    scenario: Scenario, recording: Recording, course: "object", reversed_: Sequence[str]
+    scenario: Scenario, recording: Recording, course: Replay, reversed_: Sequence[str]
 ) -> Version:
     """The columns interpreted with these axes in the opposite sense."""
     faults: list[Fault] = []
@@ -203,15 +203,15 @@ def _relabelled(y: Array, faults: Sequence[Fault], sensor: Sensor) -> Array:
 def _pair(
     scenario: Scenario,
     recording: Recording,
-    course: "object",
+    course: Replay,
     sensor: Sensor,
     effects: Sequence[Effect],
 ) -> tuple[Array, Array]:
     samples = recording.sensor(sensor)
-    turned = restored(course, [e for e in effects if e not in scenario.effects])  # type: ignore[arg-type]
+    turned = restored(course, [e for e in effects if e not in scenario.effects])
     there = np.flatnonzero(~np.isnan(samples.values).any(axis=1) & turned.known[samples.rows])
     some = there[:: max(1, len(there) // ROWS)]
-    met = as_met(effects, recording.fingerprint)
+    met = active_in(effects, recording.fingerprint)
     predicted = readings(scenario, turned, {sensor.name: recording.time[samples.rows[some]]}, met)[
         sensor.name
     ]

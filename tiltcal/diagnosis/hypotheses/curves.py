@@ -1,20 +1,28 @@
 """Curves that no name fits, and names without a form: over every coordinate, at every place of the
 chain.
+
+Curves with one number: powers of an input, products of two, coefficients that vary.
+
+Curves that repeat in time, at the frequencies of spectral lines: thermostats, pumps, hum.
+
+Curves of a table's axes: readout errors, bearing tilts, and what follows two angles.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from typing import Any
 
+import numpy as np
+
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.hypotheses.axis_curves import bases_over, curves_of_axes
 from tiltcal.diagnosis.hypotheses.curve_forms import (
     curve_over,
     even_knots,
     harmonics,
     odd_curve,
     proportional,
+    span_of,
 )
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.hypotheses.motion_curves import (
@@ -22,17 +30,23 @@ from tiltcal.diagnosis.hypotheses.motion_curves import (
     motion_of_frames,
     motion_of_readings,
 )
-from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves, stamped
-from tiltcal.diagnosis.hypotheses.power_curves import powers, products, varying_coefficients
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
+from tiltcal.effects.curve_coordinates import BEGUN, WAY
 from tiltcal.effects.curve_products import ORDERS
 from tiltcal.effects.hysteresis_and_lag import LAGS
-from tiltcal.effects.learned import LearnedDelay, LearnedReading, LearnedTilt
-from tiltcal.effects.spans import CoordinateRanges, Wave
+from tiltcal.effects.learned import (
+    Learned,
+    LearnedDelay,
+    LearnedReading,
+    LearnedReadout,
+    LearnedTilt,
+)
+from tiltcal.effects.spans import CoordinateRanges, SpectralLines, Wave
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.sensor import Sensor
-from tiltcal.setup.tables import PLACING, angle_channel
+from tiltcal.setup.setup import Rig
+from tiltcal.setup.tables import PLACING, angle_channel, bearing
 
 PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
 SETTLING = (10.0, 30.0, 90.0, 270.0)  # s, in which a floor comes to rest
@@ -258,3 +272,220 @@ def _late(curve: Hypothesis, alias: str) -> Hypothesis:
     the law has nothing at T0.
     """
     return replace(odd_curve(curve), alias=alias)
+
+
+# of a force or a rate; whether odd
+POWERS = (
+    (0.5, False),
+    (0.5, True),
+    (1.0, False),
+    (2.0, False),
+    (2.0, True),
+    (3.0, True),
+)
+VARYING = ("temperature", "time", "speed")
+"""What a coefficient may be in proportion to. Not the rate of warming: where a temperature swings
+evenly, that is the same as a temperature that is felt late, which has laws of its own.
+"""
+
+
+def varying_coefficients(
+    sensor: Sensor, across: Sequence[str], span: CoordinateRanges, where: Mapping[str, Any]
+) -> Iterator[Hypothesis]:
+    """Powers of the own input and of others whose coefficient is in proportion to what varies: a
+    temperature, the time, the speed. Not those that the catalogue or a scale factor over the same
+    coordinate holds.
+
+    Args:
+        sensor: whose reading; where: its channel.
+        across: the other inputs; span: what the recordings span.
+    """
+    for times in (t for t in VARYING if even_knots(t, span, 2)):
+        linear, forms = list(across), []
+        if times == "temperature":
+            forms += [("input", power, odd) for power, odd in POWERS if power > 1 or not odd]
+            forms += [(c, 2.0, False) for c in across]
+            if sensor.is_accelerometer:  # a misalignment
+                linear = [c for c in across if not c.startswith("force")]
+        forms += [(c, 1.0, True) for c in linear]
+        for coordinate, power, odd in forms:
+            yield curve_over(
+                LearnedReading,
+                coordinate,
+                1,
+                power=power,
+                odd=odd,
+                times=times,
+                **where,
+            )
+
+
+def products(
+    sensor: Sensor, across: Sequence[str], where: Mapping[str, Any]
+) -> Iterator[Hypothesis]:
+    """Products of two inputs, but for those of the catalogue; what stands for others by name.
+
+    Args:
+        sensor: whose reading; where: its channel.
+        across: the inputs beside its own.
+    """
+    for one, other in combinations(("input", *across), 2):
+        own = "force" if sensor.is_accelerometer else "rate"
+        kinds = {(own if c == "input" else c).split("_")[0] for c in (one, other)}
+        if kinds == {"force"} and sensor.is_accelerometer:
+            continue
+        laws = [c for c in CATALOGUE.values() if {c.products_of} == kinds and c.senses(sensor.kind)]
+        curve = curve_over(LearnedReading, one, 1, power=1.0, odd=True, times=other, **where)
+        yield replace(curve, alias=laws[0].id if laws else None)
+
+
+def powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Hypothesis]:
+    """Laws with one number: a root, a modulus, a square, a cube."""
+    for power, odd in POWERS:
+        if not (odd and coordinate == "transverse"):
+            yield curve_over(LearnedReading, coordinate, 1, power=power, odd=odd, **where)
+
+
+Place = tuple[type[Learned], dict[str, Any]]
+HARMONICS = (1, 4)
+
+
+def periodic_curves(
+    observations: Observations, lines: SpectralLines, sensors: Sequence[str]
+) -> Iterator[Hypothesis]:
+    """At every place, one for each spectral line in time.
+
+    Args:
+        observations: whose table and sensors; lines: that stand out of their residual.
+        sensors: that are read.
+    """
+    scenario = observations.scenario
+    # of a line in a coefficient, each as probable as another
+    frequencies = max(len(r) for r in observations.recordings) / 2
+    for cls, where in _places(scenario, sensors) if lines.tones else ():
+        for frequency, count in product(lines.tones, HARMONICS):
+            yield curve_over(cls, "time", harmonics(count), period=1 / frequency, **where)
+    modulated: list[tuple[type[Learned], dict[str, Any], tuple[float, ...]]] = [
+        *((LearnedDelay, where, lines.late) for where in stamped(scenario, sensors)),
+        *((LearnedTilt, where, lines.base_tilts) for where in frames(scenario, "base")),
+        *((LearnedReading, where, lines.scales) for where in gains(scenario, sensors)),
+    ]
+    for cls, where, own in modulated:
+        for frequency, count in product(own, HARMONICS):
+            curve = curve_over(cls, "time", harmonics(count), period=1 / frequency, **where)
+            yield replace(curve, log_odds=-float(np.log(frequencies)))
+
+
+def stamped(scenario: Scenario, sensors: Sequence[str]) -> list[dict[str, Any]]:
+    """Whose stamps may be late against those of a table: each sensor's, and all; none by hand,
+    where there is no other clock.
+    """
+    each: list[str | None] = [s for s in sensors if scenario.rig.axes]
+    every: list[str | None] = [*each, None] if len(each) > 1 else each
+    return [{"sensor": sensor, "place": "timing"} for sensor in every]
+
+
+def _places(scenario: Scenario, sensors: Sequence[str]) -> Iterator[Place]:
+    for sensor in scenario.sensor:
+        for axis in sensor.axes if sensor.name in sensors else ():
+            yield LearnedReading, {"sensor": sensor.name, "axis": axis}
+    for axis in scenario.rig.kind.turning:
+        yield LearnedReadout, {"axis": axis, "place": "table"}
+    for where in frames(scenario, "base", "mount"):
+        yield LearnedTilt, where
+
+
+def gains(scenario: Scenario, sensors: Sequence[str]) -> list[dict[str, Any]]:
+    """The scale factors of the sensors that are read."""
+    return [
+        {"sensor": s.name, "axis": axis, "per_input": True}
+        for s in scenario.sensor
+        for axis in (s.axes if s.name in sensors else ())
+    ]
+
+
+def frames(scenario: Scenario, *slots: str) -> list[dict[str, Any]]:
+    """The tilts of frames, base or mount; none by hand."""
+    known = {"base": ("xy", "environment"), "mount": ("xyz", "mount")}
+    return [
+        {"slot": slot, "turn": turn, "place": known[slot][1]}
+        for slot in (slots if scenario.rig.axes else ())
+        for turn in known[slot][0]
+    ]
+
+
+def curves_of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
+    """What no name fits of a table's axes."""
+    yield from _of_axes(rig, span)
+    yield from _of_two_angles(rig)
+    yield from _varying_errors_of_axes(rig, span)
+
+
+def _of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
+    """Errors of a readout and tilts of a bearing over the table's angles."""
+    for axis in rig.axis_names:
+        for other in rig.axis_names:
+            for basis in bases_over(rig, other, span):
+                if axis in rig.kind.turning:
+                    where: dict[str, Any] = {"axis": axis, "place": "table"}
+                    yield curve_over(LearnedReadout, f"table_{other}", basis, **where)
+                for turn in _across(dict(rig.axes)[axis]):
+                    yield curve_over(
+                        LearnedTilt,
+                        f"table_{other}",
+                        basis,
+                        slot=bearing(axis),
+                        turn=turn,
+                        place="table",
+                    )
+
+
+def _varying_errors_of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
+    """Errors of a readout over time, temperature and its rate; and over its own angle, as tilts of
+    its bearing, those that grow with time, temperature, speed or an angle, or differ by which way
+    it last went (Hastie and Tibshirani, J. R. Stat. Soc. B 55, 1993: coefficients that vary).
+    """
+    turning = rig.kind.turning
+    for axis, coordinate in product(turning, ("time", "temperature", "warming")):
+        if knots := even_knots(coordinate, span, 5):
+            yield curve_over(LearnedReadout, coordinate, knots, axis=axis, place="table")
+    factors = ["temperature", "time", "speed", *(angle_channel(axis) for axis in rig.axis_names)]
+    known = [(axis, f, 2) for axis, f in product(turning, factors) if even_knots(f, span, 2)]
+    known += [(axis, f"{WAY}{axis}", 4) for axis in turning if span_of(axis, span) > BEGUN]
+    for axis, factor, orders in known:
+        over: dict[str, Any] = {"place": "table", "times": factor}
+        coordinate, count = angle_channel(axis), harmonics(orders)
+        yield curve_over(LearnedReadout, coordinate, count, axis=axis, **over)
+        for turn in _across(dict(rig.axes)[axis]):
+            yield curve_over(LearnedTilt, coordinate, count, slot=bearing(axis), turn=turn, **over)
+
+
+def _of_two_angles(rig: Rig) -> Iterator[Hypothesis]:
+    """Errors of a readout and tilts of the base and the mount over products of two angles: with the
+    curves over one angle any smooth law of the pose.
+    """
+    places = [("base", turn, "environment") for turn in "xy"]
+    places += [("mount", turn, "mount") for turn in "xyz"]
+    turning = rig.kind.turning
+    for one, other in combinations(turning, 2):
+        over: dict[str, Any] = {"beside": angle_channel(other)}
+        coordinate, count = angle_channel(one), 4 * ORDERS**2
+        for axis in turning:
+            yield curve_over(LearnedReadout, coordinate, count, axis=axis, place="table", **over)
+        for slot, turn, place in places:
+            yield curve_over(
+                LearnedTilt, coordinate, count, slot=slot, turn=turn, place=place, **over
+            )
+
+
+def bases_over(rig: Rig, axis: str, span: CoordinateRanges) -> Iterator[int | tuple[float, ...]]:
+    """Bases of a curve over an axis: harmonics of an angle, knots over what is spanned."""
+    if axis in rig.kind.turning:
+        yield harmonics(4)
+    if knots := even_knots(angle_channel(axis), span, 10):
+        yield knots
+
+
+def _across(axis: str) -> tuple[str, str]:
+    i = "xyz".index(axis)
+    return "xyz"[(i + 1) % 3], "xyz"[(i + 2) % 3]

@@ -206,7 +206,7 @@ def step_hypotheses(scenario: Scenario, times: Sequence[Instant]) -> Iterator[Hy
                 yield replace(step, effect=time.date(step.effect))
 
 
-CREEPS = (0.5, 1.5, 4.0, 10.0, 25.0, 60.0)  # s
+CREEP_TIMES_S = (0.5, 1.5, 4.0, 10.0, 25.0, 60.0)  # s
 
 
 def steps_at(scenario: Scenario, time: Instant) -> Iterator[Hypothesis]:
@@ -214,6 +214,6 @@ def steps_at(scenario: Scenario, time: Instant) -> Iterator[Hypothesis]:
     for step in step_hypotheses(scenario, (time,)):
         yield step
         if step.is_step:
-            for creep in CREEPS:
+            for creep in CREEP_TIMES_S:
                 late = with_values(step.effect, {**step.effect.values, "creep": creep})
                 yield Hypothesis(late, step.names)

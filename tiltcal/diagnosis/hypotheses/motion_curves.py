@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from tiltcal.core.units import DEG, G0
-from tiltcal.diagnosis.hypotheses.axis_curves import span_of
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import MEMORIES, late_key
 from tiltcal.diagnosis.hypotheses.curve_forms import (
     curve_over,
@@ -20,6 +19,7 @@ from tiltcal.diagnosis.hypotheses.curve_forms import (
     harmonics,
     odd_curve,
     proportional,
+    span_of,
     spread_knots,
 )
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
@@ -31,7 +31,7 @@ from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import angle_channel, bearing
 
 COOLING = (10.0, 30.0, 100.0, 300.0)  # s, of what motion warms
-CREEPS = (4.0, 15.0, 60.0)  # s, of a structure that gives way late to what it carries
+STRUCTURE_LAGS_S = (4.0, 15.0, 60.0)  # s, of a structure that gives way late to what it carries
 SHOWN = 2.0  # times a time constant of cooling that a recording has to last
 TURNS = (BEGUN, 10 * DEG, 45 * DEG)  # rad, of a play; the first tells the direction
 WOUND = (10 * DEG, 45 * DEG)  # rad, of what winds up before it slips
@@ -139,7 +139,7 @@ def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
                 yield curve_over(LearnedReadout, angle_channel(axis), PLAYED, play=travel, **where)
         yield from _motion(LearnedReadout, rig.kind.turning, (), span, where)
         knots = even_knots(angle_channel(axis), span, 2)
-        for lag in CREEPS if knots else ():
+        for lag in STRUCTURE_LAGS_S if knots else ():
             late = {"lag": lag, "relaxing": True, **where}
             curve = curve_over(LearnedReadout, angle_channel(axis), knots, **late)
             yield proportional(curve)
@@ -152,7 +152,7 @@ def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
         where = {"slot": slot, "turn": turn, "place": place}
         yield from _motion(LearnedTilt, rig.kind.turning, axes, span, where)
         turning = [name for name in axes if name in rig.kind.turning]
-        for name, lag, relaxing in product(turning, CREEPS, (False, True)):
+        for name, lag, relaxing in product(turning, STRUCTURE_LAGS_S, (False, True)):
             late = {"lag": lag, "relaxing": relaxing, **where}
             yield curve_over(LearnedTilt, angle_channel(name), harmonics(1), **late)
 
@@ -166,7 +166,7 @@ def loads_of_mount(span: CoordinateRanges) -> Iterator[Hypothesis]:
         where = {"slot": "mount", "turn": turn, "place": "mount"}
         knots = even_knots(coordinate, span, 5)
         yield curve_over(LearnedTilt, coordinate, knots, **where)
-        for lag, relaxing in product(CREEPS, (False, True)):
+        for lag, relaxing in product(STRUCTURE_LAGS_S, (False, True)):
             late = curve_over(LearnedTilt, coordinate, knots, lag=lag, relaxing=relaxing, **where)
             yield proportional(late)
         for travel in LOADS:

@@ -64,7 +64,7 @@ class CommandLaboratory:
                 ) from error
             if done.returncode != 0:
                 said = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or [
-                    "nothing said"
+                    "no message"
                 ]
                 raise TiltcalError(
                     subject,

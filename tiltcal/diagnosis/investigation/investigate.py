@@ -18,7 +18,7 @@ from tiltcal.diagnosis.investigation.stored import read_diagnosis, read_investig
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
-from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.sequence_files import sequence_text
 

@@ -1,4 +1,7 @@
-"""What to record next, in words and as a file."""
+"""What to record next, in words and as a file.
+
+Judging blocks in other processes, which work out the questions again from what was told.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,17 +10,83 @@ from typing import Any
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.progress import Progress
+from tiltcal.core.progress import Part, Progress
 from tiltcal.core.tasks.engines import Engine
+from tiltcal.core.tasks.run_tasks import values_of
 from tiltcal.design.identifiability import tie_breaker
-from tiltcal.design.recording_blocks import CIRCLE, SLIDE_RATE, TableLimits, candidates, within
+from tiltcal.design.recording_blocks import (
+    CIRCLE,
+    SLIDE_RATE,
+    Block,
+    TableLimits,
+    candidates,
+    within,
+)
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED
-from tiltcal.diagnosis.investigation.discriminating_blocks import Design, Proposal, propose
-from tiltcal.diagnosis.investigation.judging import judge_over, open_questions
+from tiltcal.diagnosis.investigation.discriminating_blocks import (
+    BlockProposal,
+    Design,
+    Judge,
+    Pair,
+    judged_in_turn,
+    propose,
+)
+from tiltcal.diagnosis.investigation.rival_hypotheses import Question, questions
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import resting_rows
+
+
+def open_questions(
+    scenario: Scenario,
+    recordings: Sequence[Recording],
+    diagnosis: Mapping[str, Any],
+    amended: Mapping[str, Any],
+) -> list[Question]:
+    """What a block may be asked: findings with several names that a motion of the table bears on.
+
+    Args:
+        scenario: what is known.
+        recordings: those that were diagnosed.
+        diagnosis: of them; amended: the scenario with what it found.
+    """
+    found = questions(scenario, recordings, diagnosis, amended)
+    return [q for q in found if len(q.rivals) > 1]
+
+
+def judge_over(engine: Engine, told: tuple[Any, ...]) -> Judge:
+    """Blocks are judged by an engine, an equal share in each of its processes.
+
+    Args:
+        engine: whose processes they are.
+        told: the arguments of ``open_questions``; a question itself cannot go to another process.
+    """
+
+    def judge(blocks: Sequence[Block], part: Part) -> list[list[Pair]]:
+        shares = [blocks[k :: engine.slots] for k in range(min(engine.slots, len(blocks)))]
+        found = values_of(_judged_apart, [(*told, share) for share in shares], engine, part)
+        by_name = {
+            block.name: pairs
+            for share, judged in zip(shares, found, strict=True)
+            for block, pairs in zip(share, judged, strict=True)
+        }
+        return [by_name[block.name] for block in blocks]
+
+    return judge
+
+
+def _judged_apart(
+    scenario: Scenario,
+    recordings: Sequence[Recording],
+    diagnosis: Mapping[str, Any],
+    amended: Mapping[str, Any],
+    blocks: Sequence[Block],
+) -> list[list[Pair]]:
+    """What blocks would tell, in a process that has nothing but the files' content."""
+    asked = open_questions(scenario, recordings, diagnosis, amended)
+    return judged_in_turn(blocks, asked, scenario)
+
 
 THERMAL = {"temperature", "time"}
 OPEN = {
@@ -53,10 +122,10 @@ class NextBlock:
         considered: every block that was compared, the best first.
     """
 
-    proposal: Proposal | None
+    proposal: BlockProposal | None
     statement: str
     twins: tuple[str, ...] = ()
-    considered: tuple[Proposal, ...] = ()
+    considered: tuple[BlockProposal, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -119,12 +188,13 @@ def next_block(
         raise TiltcalError(
             "diagnosis",
             found=f"verdict {verdict}, nothing with more than one name",
-            need="rivals to tell apart",
+            need="alternatives to separate",
             do="there is nothing to split",
         )
     if not scenario.rig.axes:
         return NextBlock(
-            None, "No sequence file can say how to turn by hand: " + _by_hand(diagnosis)
+            None,
+            "No sequence file can state how to turn a hand-held instrument: " + _by_hand(diagnosis),
         )
     told = (scenario, recordings, diagnosis, amended)
     asked = open_questions(*told)
@@ -207,7 +277,7 @@ def _more_poses(table: TableLimits, scenario: Scenario, why: str) -> NextBlock:
     )
     minutes = block.seconds(scenario.rig) / 60
     words = f"{why}: {block.words} ({minutes:.1f} min of table time)."
-    return NextBlock(Proposal(block, minutes, ()), words)
+    return NextBlock(BlockProposal(block, minutes, ()), words)
 
 
 def _by_hand(diagnosis: Mapping[str, Any]) -> str:

@@ -1,5 +1,8 @@
 """What has to be told apart: the explanations that a diagnosis could not choose between, at the
 sizes the recordings give them.
+
+Recordings so far with one more beside them: what they changed is worked out once, whatever is
+put beside them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -7,7 +10,8 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
-from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.block_averaging import block_of
@@ -17,7 +21,6 @@ from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, step_hypotheses
 from tiltcal.diagnosis.hypotheses.instants import instants
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED
-from tiltcal.diagnosis.investigation.augmented_recordings import Joined, Remembering
 from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.model.channel_noise import models, noise_under
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
@@ -30,9 +33,67 @@ from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.parameter import by_name
 from tiltcal.effects.spans import SpectralLines
-from tiltcal.laboratory.scenario import Scenario, parse_scenario
+from tiltcal.laboratory.scenario import Scenario, fresh, parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.noise_spectrum import NoiseModel
+
+
+class Remembering(Observations):
+    """Observations that remember how their readings change with each effect.
+
+    Args:
+        inner: what was observed.
+    """
+
+    def __init__(self, inner: Observations) -> None:
+        self.inner = inner
+        self.scenario, self.recordings, self.known = inner.scenario, inner.recordings, inner.known
+        self.channels, self.stops = inner.channels, inner.stops
+        self._kept: dict[str, Columns] = {}
+
+    def predict(self, effects: Sequence[Effect]) -> list[Array]:
+        """What each channel should have read. SI, (n,) each."""
+        return self.inner.predict(effects)
+
+    def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
+        """How readings change with a small effect; ``around`` is the same every time."""
+        key = repr(effect)
+        if key not in self._kept:
+            self._kept[key] = self.inner.changes(effect, around)
+        return self._kept[key]
+
+
+class Joined(Observations):
+    """Remembered observations and one more recording.
+
+    Args:
+        old: what was read so far.
+        more: another recording, of the same T0.
+        block: samples that are averaged into one.
+        reference: T0, degC.
+    """
+
+    def __init__(self, old: Remembering, more: Recording, block: int, reference: float) -> None:
+        climate = old.scenario.climate.model_copy(update={"reference_degC": reference})
+        self.old = old
+        self.new = observe(fresh(old.scenario, climate=climate), [more], old.known, block)
+        self.scenario, self.known = old.scenario, old.known
+        self.recordings = (*old.recordings, more)
+        late = tuple(replace(c, recording=len(old.recordings)) for c in self.new.channels)
+        self.channels = (*old.channels, *late)
+        self.stops = [*old.stops, *self.new.stops]
+
+    def predict(self, effects: Sequence[Effect]) -> list[Array]:
+        """What each channel should have read. SI, (n,) each."""
+        return [*self.old.predict(effects), *self.new.predict(effects)]
+
+    def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
+        """How readings change with a small effect."""
+        first = len(self.old.channels)
+        return self.old.changes(effect, around) | {
+            first + i: c for i, c in self.new.changes(effect, around).items()
+        }
+
 
 CURVE = 1e-6  # SI, of a curve's coefficients: any size will do
 

@@ -19,7 +19,7 @@ CIRCLE = 2**15  # angles of a turn: a fifth of a radian of the finest line
 FIRST = 6  # fewer are curves of the angle
 CYCLES = 3  # over the range of temperature: fewer are a curve
 BEYOND = 11  # harmonics of an angle that no curve over it has
-FEWEST = 16  # lines of which a median says what is usual
+MIN_LINES = 16  # lines of which a median says what is usual
 PROBE = 36.0  # lines, from whose changes those of any other number follow
 SMALL = 1e-6  # rad
 CHANCE = 1e-4  # of a line in any recording without one
@@ -126,7 +126,7 @@ def _strongest(phase: Array, signal: Array, first: int, finest: int) -> tuple[in
     power over their median; phase: rad, (n,). Nothing has a power of 0.
     """
     power = np.abs(_harmonics(phase, signal)[first:finest]) ** 2
-    if len(power) < FEWEST:
+    if len(power) < MIN_LINES:
         return first, 0.0
     k = int(np.argmax(power))
     floor = max(float(np.median(power)), np.finfo(float).tiny)

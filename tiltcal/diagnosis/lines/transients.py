@@ -15,7 +15,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.lines.limited_residual import limited, noise_about
+from tiltcal.diagnosis.lines.spectral_peaks import limited, noise_about
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.curve_bases import transients_at
@@ -32,7 +32,7 @@ SIZE = 2.0  # nats that the size of each costs, about
 
 
 @dataclass(frozen=True)
-class Course:
+class ResidualCourse:
     """The course of a transient; rise, fall: s."""
 
     rise: float
@@ -86,14 +86,14 @@ def transients(fitted: FittedModel, whitened: WhitenedModel) -> list[Hypothesis]
     return found
 
 
-def _courses(time: Array) -> list[Course]:
+def _courses(time: Array) -> list[ResidualCourse]:
     step, duration = float(np.median(np.diff(time))), float(np.ptp(time))
-    every = [Course(share * fall, fall) for fall, share in product(FALLS, RISES)]
+    every = [ResidualCourse(share * fall, fall) for fall, share in product(FALLS, RISES)]
     return [c for c in every if c.rise > SHORTEST * step and c.duration < LONGEST * duration]
 
 
 def _powers(
-    residual: Array, root: Array, time: Array, courses: Sequence[Course]
+    residual: Array, root: Array, time: Array, courses: Sequence[ResidualCourse]
 ) -> Iterator[Array]:
     """What a transient of each course with its peak at each row explains of a whitened residual, in
     units of the noise about it, (n,) each.
@@ -123,7 +123,7 @@ def _powers(
         yield along**2 / energy / noise_about(left, len(values))
 
 
-def _chosen(power: Array, time: Array, course: Course) -> tuple[Index, float, float]:
+def _chosen(power: Array, time: Array, course: ResidualCourse) -> tuple[Index, float, float]:
     """Rows of the transients that are worth most, by how much they explain more than the choice of
     their instants and their sizes cost, and the price of the choice, nats.
     """

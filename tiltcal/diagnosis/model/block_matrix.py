@@ -9,7 +9,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns
-from tiltcal.statistics.projection import column_space, inverse_root
+from tiltcal.statistics.least_squares import column_space, inverse_root
 
 
 class BlockDesignMatrix:

@@ -14,14 +14,14 @@ from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.statistics.cosine_transform import cosines
 from tiltcal.statistics.dwell_noise import robust_white
+from tiltcal.statistics.least_squares import column_space
 from tiltcal.statistics.noise_spectrum import (
     NoiseFit,
     NoiseModel,
+    WhiteFlickerWalk,
     estimate_noise,
     white_noise,
 )
-from tiltcal.statistics.projection import column_space
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 ENOUGH = 100  # coefficients to fit three variances to
 

@@ -8,8 +8,7 @@ from tiltcal.core.arrays import Mask
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.families import completes, form_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.column_store import Block, ColumnStore
-from tiltcal.diagnosis.model.tried_shapes import Parts, TriedShapes
+from tiltcal.diagnosis.model.column_store import Block, ColumnStore, Parts, TriedShapes
 from tiltcal.effects.base import Effect
 from tiltcal.statistics.cosine_transform import cosines
 

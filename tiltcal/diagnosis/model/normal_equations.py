@@ -10,8 +10,8 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
-from tiltcal.diagnosis.model.column_block import Waves
-from tiltcal.diagnosis.model.gram_inverse import column_lengths, pseudo_inverse
+from tiltcal.diagnosis.model.column_store import Waves
+from tiltcal.diagnosis.model.inner_products import column_lengths, pseudo_inverse
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 

@@ -15,7 +15,7 @@ from tiltcal.diagnosis.model.fitted_model import (
     stored_of,
     vectors_of,
 )
-from tiltcal.diagnosis.model.gram_inverse import column_lengths, prior_covariance, pseudo_inverse
+from tiltcal.diagnosis.model.inner_products import column_lengths, prior_covariance, pseudo_inverse
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 

@@ -3,6 +3,13 @@
 For whitened columns U of a hypothesis, an orthonormal basis Q of the terms that are fitted anyway
 and the whitened residual r, A = U'(I - QQ')r and B = U'(I - QQ')U hold everything: the gain in
 deviance A'B^-1 A ~ chi2(rank, lambda), the expected values B^-1 A and the absorbed share.
+
+Bayes factors of linear columns whose sizes have a normal prior of unknown width.
+
+For a direction of whitened columns with information w (squared length after projection) and a prior
+of variance v, log BF = gain/2 s/(1 + s) - log(1 + s)/2 with s = v w: the fall of the deviance,
+shrunk, less the price of the number (Zellner 1986; Liang et al., J. Am. Stat. Assoc. 103, 2008, for
+the mixture over v).
 """
 
 from dataclasses import dataclass
@@ -54,3 +61,39 @@ class ScoreTest:
     def absorbed(self) -> float:
         """Share of the columns' energy that the nuisance parameters take."""
         return 1 - float(np.trace(self.B) / max(self.raw.sum(), 1e-300))
+
+
+SIZES = 10.0 ** np.arange(-6, 3, 2)
+"""Prior variances of a listed effect's size, in plausible sizes squared: no grade is known."""
+ENERGIES = 10.0 ** np.arange(0, 9)
+"""Prior energies of a number of a curve, in units of the noise: nothing is known of its size."""
+DEVIATIONS = np.array([1e-4, 1e-3, 0.01, 0.03])
+"""Prior shares of a law's energy by which one number of its real form may deviate from the
+textbook's. ``docs/diagnosis_model.md`` says what the largest rests on.
+"""
+ANY_SHARE = np.array([1 / 7, 3 / 5, 5 / 3, 7.0])
+"""Energy of the rest of a law in energies of what a name explains of it, where any share is as
+probable as another: the middles of four quarters.
+"""
+
+
+def log_bayes_factor(gain: Array, ratio: Array) -> Array:
+    """Of directions, averaged over their prior widths.
+
+    Args:
+        gain: fall of the deviance along each, (n,) or (n, m).
+        ratio: prior variance over that of the estimate, for each width first, (k, n) or (k, n, m).
+    """
+    by_width = 0.5 * (gain * (ratio / (1 + ratio)) - np.log1p(ratio))
+    top = by_width.max(axis=0)
+    return np.asarray(top + np.log(np.exp(by_width - top).mean(axis=0)))
+
+
+def any_of(log_factors: Array) -> Array:
+    """Of m directions together, every set of at least one of them being as probable as another,
+    (n,). log_factors: of each, (n, m).
+    """
+    m = log_factors.shape[1]
+    every = np.logaddexp(0.0, log_factors).sum(axis=1)  # with that of none, which is taken off
+    nothing = np.log(-np.expm1(-np.maximum(every, np.finfo(float).tiny)))
+    return np.asarray(every + nothing - m * np.log(2) - np.log1p(-(0.5**m)))

@@ -8,15 +8,13 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.column_block import Weighed
-from tiltcal.diagnosis.model.column_store import Block
+from tiltcal.diagnosis.model.column_store import Block, Weighed
 from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.inner_products import InnerProducts
 from tiltcal.diagnosis.model.score_test import ScoreTest
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, WhiteFlickerWalk
 
 
 @dataclass(frozen=True)

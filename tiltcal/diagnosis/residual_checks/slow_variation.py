@@ -11,7 +11,6 @@ import numpy as np
 from scipy.special import expit
 
 from tiltcal.diagnosis.hypotheses.priors import NAMELESS
-from tiltcal.diagnosis.model.bayes_factors import ENERGIES
 from tiltcal.diagnosis.model.noise_prior import (
     NOTHING,
     InstrumentPrior,
@@ -19,6 +18,7 @@ from tiltcal.diagnosis.model.noise_prior import (
     instruments,
     unlike_others,
 )
+from tiltcal.diagnosis.model.score_test import ENERGIES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.recordings.recording import stem
 from tiltcal.statistics.noise_spectrum import NoiseFit

@@ -12,9 +12,9 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.bayes_factors import DEVIATIONS, ENERGIES, log_bayes_factor
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import refit_linearly
+from tiltcal.diagnosis.model.score_test import DEVIATIONS, ENERGIES, log_bayes_factor
 from tiltcal.diagnosis.search.state import State, laws, refitted, without
 from tiltcal.effects.learned import Learned
 

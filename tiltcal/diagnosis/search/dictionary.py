@@ -12,15 +12,14 @@ from tiltcal.core.progress import Part, unmeasured
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
-from tiltcal.diagnosis.hypotheses.curves import curves, read_sensors
+from tiltcal.diagnosis.hypotheses.curve_forms import steps_beside
+from tiltcal.diagnosis.hypotheses.curves import curves, periodic_curves, read_sensors
 from tiltcal.diagnosis.hypotheses.hypothesis import (
     Hypothesis,
     listed_hypotheses,
     step_hypotheses,
 )
 from tiltcal.diagnosis.hypotheses.instants import in_each, instants
-from tiltcal.diagnosis.hypotheses.localised_curves import steps_beside
-from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves
 from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.diagnosis.lines.transients import transients
 from tiltcal.diagnosis.model.fitted_model import FittedModel

@@ -1,18 +1,24 @@
-"""What a search comes to: a fitted model, and how probable each of its causes is."""
+"""What a search comes to: a fitted model, and how probable each of its causes is.
 
+How probable it is that each cause of a model is there, and which of them are claimed.
+"""
+
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+
+from scipy.special import expit, logsumexp
 
 from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.residual_checks.moving_tones import MovingTone
-from tiltcal.diagnosis.residual_checks.narrow_bands import NarrowBand
+from tiltcal.diagnosis.residual_checks.oscillations import MovingTone, NarrowBand
 from tiltcal.diagnosis.residual_checks.random_motion import RandomMotion
 from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation
 from tiltcal.diagnosis.residual_checks.varying_noise import VaryingNoise
-from tiltcal.diagnosis.search.name_probabilities import Names
-from tiltcal.diagnosis.search.state import Doubt
+from tiltcal.diagnosis.search.candidates import Names
+from tiltcal.diagnosis.search.possible_sizes import possible
+from tiltcal.diagnosis.search.state import Doubt, State, laws, refitted, repriced, without
 
 
 @dataclass(frozen=True)
@@ -45,3 +51,82 @@ class Explained:
     varying: tuple[VaryingNoise, ...] = ()
     motions: tuple[RandomMotion, ...] = ()
     doubts: tuple[Doubt, ...] = ()
+
+
+CLAIM = 0.99
+"""Probability from which a cause is claimed: a false alarm costs 99 times a miss, so at most one
+claim in a hundred is wrong, if the priors hold.
+"""
+DOUBTED = 0.5  # from which one is told as a doubt: it is more probable than not
+
+
+def select_claims(
+    state: State, noise_source: NoiseSource
+) -> tuple[State, tuple[float, ...], tuple[Doubt, ...]]:
+    """A state without causes that are not probable enough to be claimed, the probability of each
+    that is left, and those left out that are more probable than not.
+
+    A cause is as probable as the models together that hold it (Bayesian model averaging: Hoeting
+    et al., Stat. Sci. 14, 1999), over those of a backward elimination: one that is not sure beside
+    a cause that may take its place counts without that cause as well.
+    """
+    every = frozenset(range(len(state.causes)))
+    models, held = {every: state}, every
+    while held:
+        fewer = {}
+        for cause in sorted(held):
+            fewer[cause], model = _without(models[held], held, {cause}, noise_source)
+            known = models.get(fewer[cause], model)  # reached before, another way
+            models[fewer[cause]] = min(known, model, key=lambda one: one.cost)
+        weakest = min(held, key=lambda cause: models[fewer[cause]].cost)
+        if _probability(models[fewer[weakest]].cost - models[held].cost) >= CLAIM:
+            break
+        held = fewer[weakest]
+    costs = {kept: model.cost for kept, model in models.items()}
+    chance = {cause: probability_of(cause, costs) for cause in every}
+    claimed = frozenset(cause for cause in every if chance[cause] >= CLAIM)
+    doubts = [
+        Doubt(law, chance[cause])
+        for cause, law in enumerate(laws(state.fitted))
+        if DOUBTED < chance[cause] < CLAIM
+    ]
+    if claimed not in models:
+        claimed, models[claimed] = _without(state, every, every - claimed, noise_source)
+    return models[claimed], tuple(chance[cause] for cause in sorted(claimed)), tuple(doubts)
+
+
+def probability_of(cause: int, costs: Mapping[frozenset[int], float]) -> float:
+    """Probability that a cause is there: the share of the models with it.
+
+    Args:
+        cause: which.
+        costs: -log posterior of each model, by the causes that it holds, nats.
+    """
+    without_it = [-cost for held, cost in costs.items() if cause not in held]
+    with_it = [-cost for held, cost in costs.items() if cause in held]
+    return _probability(logsumexp(with_it) - logsumexp(without_it))
+
+
+def _probability(log_odds: float) -> float:
+    return float(expit(log_odds))
+
+
+def _without(
+    state: State, held: Collection[int], gone: Collection[int], noise_source: NoiseSource
+) -> tuple[frozenset[int], State]:
+    """The causes that are left of those held when some are taken out, and the state with them,
+    under its own noise or that which it leaves, whichever costs less. A cause whose sizes cannot be
+    without those taken out goes with them.
+    """
+    which = [place for place, cause in enumerate(sorted(held)) if cause in gone]
+    kept = sorted(frozenset(held) - frozenset(gone))
+    rest = refitted(without(state, *which))
+    impossible = [
+        cause
+        for cause, places in zip(kept, rest.fitted.findings(), strict=True)
+        if not all(possible(rest.fitted.terms[i]) for i in places)
+    ]
+    if impossible:
+        return _without(rest, kept, impossible, noise_source)
+    left = repriced(rest, noise_source.left_by(rest.fitted, rest.whitened))
+    return frozenset(kept), min(rest, left, key=lambda s: s.cost)

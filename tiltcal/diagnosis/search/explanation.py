@@ -14,17 +14,16 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.bayes_factors import (
-    ANY_SHARE,
-    DEVIATIONS,
-)
 from tiltcal.diagnosis.model.cosine_basis import projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
 from tiltcal.diagnosis.model.normal_equations import NormalEquations, normal_equations
+from tiltcal.diagnosis.model.score_test import (
+    ANY_SHARE,
+    DEVIATIONS,
+)
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.column_selection import ColumnSelection
+from tiltcal.diagnosis.search.column_selection import ColumnSelection, NumberEvidence
 from tiltcal.diagnosis.search.local_level import level_beside, local_level
-from tiltcal.diagnosis.search.number_evidence import NumberEvidence
 from tiltcal.diagnosis.search.possible_sizes import possible
 
 OWN_NAME = 10.0  # times the energy that a deviation of another form has

@@ -15,7 +15,7 @@ from tiltcal.diagnosis.model.normal_equations import NormalEquations, left_besid
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 
 OCTAVE = 2.0  # from the lowest frequency of a neighbourhood to the highest
-FEWEST = 16  # coefficients to either side
+MIN_COEFFICIENTS = 16  # coefficients to either side
 
 
 def local_level(
@@ -61,6 +61,6 @@ def _level(law: Hypothesis, left: Columns, whitened: WhitenedModel) -> float:
 def _near(frequency: float, duration: float, n: int) -> slice:
     """Cosine coefficients within an octave about a frequency."""
     middle = 2 * duration * frequency
-    low = min(middle / np.sqrt(OCTAVE), middle - FEWEST)
-    high = max(middle * np.sqrt(OCTAVE), middle + FEWEST)
+    low = min(middle / np.sqrt(OCTAVE), middle - MIN_COEFFICIENTS)
+    high = max(middle * np.sqrt(OCTAVE), middle + MIN_COEFFICIENTS)
     return slice(max(int(low), 1), min(int(high) + 1, n))

@@ -23,10 +23,9 @@ from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.best_shape import best_shape
+from tiltcal.diagnosis.search.best_shape import best_shape, refined
 from tiltcal.diagnosis.search.proposals import proposals
 from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.shape_refinement import refined
 from tiltcal.diagnosis.search.state import (
     Proposal,
     State,
@@ -68,7 +67,7 @@ def most_probable(
     best, visited = State(refit(start, nothing), nothing), list[Visit]()
     ends: list[Visit] = []
     for first in _starts(best, noise_source):
-        state = settled(State(refit(start, first), first), noise_source, visited)
+        state = iterate_to_convergence(State(refit(start, first), first), noise_source, visited)
         if state.cost < best.cost:
             best = state
         found(len(best.causes))
@@ -86,7 +85,9 @@ def _starts(null: State, noise_source: NoiseSource) -> Iterator[WhitenedModel]:
             yield null.whitened.under(models(still))
 
 
-def settled(state: State, noise_source: NoiseSource, visited: list[Visit] | None = None) -> State:
+def iterate_to_convergence(
+    state: State, noise_source: NoiseSource, visited: list[Visit] | None = None
+) -> State:
     """Search and noise in turn, until neither changes the other; never a model that costs more.
 
     Args:
@@ -98,7 +99,7 @@ def settled(state: State, noise_source: NoiseSource, visited: list[Visit] | None
     earlier = list(visited)
     for _ in range(ROUNDS):
         before = _names(state)
-        state = improved(state)
+        state = local_search(state)
         if not state.fitted.terms:
             break
         state = repriced(state, noise_source.left_by(state.fitted, state.whitened))
@@ -145,7 +146,7 @@ def _place(hypothesis: Hypothesis) -> object:
     return kind(hypothesis), effect.per_input, effect.lag > 0, effect.relaxing, effect.power
 
 
-def improved(state: State) -> State:
+def local_search(state: State) -> State:
     """Causes exchanged, merged, split and added under one noise, until nothing lowers the cost, or
     it comes back to causes that it had.
     """

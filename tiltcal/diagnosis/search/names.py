@@ -8,6 +8,14 @@ import numpy as np
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.hypotheses import priors
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED
+from tiltcal.diagnosis.search.candidates import (
+    Candidate,
+    Names,
+    candidates_for_cause,
+    coarsened,
+    name_of,
+    name_probabilities,
+)
 from tiltcal.diagnosis.search.curve_misfit import (
     BEYOND_FAMILY,
     SHARES,
@@ -19,22 +27,10 @@ from tiltcal.diagnosis.search.curve_misfit import (
     same_curve,
     taken_in,
 )
-from tiltcal.diagnosis.search.explanation import (
-    explain,
-)
-from tiltcal.diagnosis.search.name_probabilities import (
-    Names,
-    Row,
-    coarsened,
-    name_probabilities,
-)
-from tiltcal.diagnosis.search.rows_in_place import rows_in_place
-from tiltcal.diagnosis.search.rows_without_name import name_of
+from tiltcal.diagnosis.search.explanation import explain
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import State, laws, refitted, with_cause, without
 from tiltcal.effects.learned import Learned
-
-"""Log odds that a nameless cause is there beside others."""
 
 
 def named(state: State, scan: Scan, random: bool = False) -> tuple[State, list[Names]]:
@@ -48,8 +44,8 @@ def named(state: State, scan: Scan, random: bool = False) -> tuple[State, list[N
     """
     found = []
     for k in range(len(state.fitted.findings())):
-        every = rows_in_place(state, k, scan)
-        rows: Sequence[Row] = [r for r in every if r.name != UNLISTED] if random else every
+        every = candidates_for_cause(state, k, scan)
+        rows: Sequence[Candidate] = [r for r in every if r.name != UNLISTED] if random else every
         state, rows, own = _most_probable_in_place(state, k, rows)
         names, law = name_probabilities(rows), laws(state.fitted)[k]
         if law.listed and not names.listed:  # no curve could take its place
@@ -59,15 +55,15 @@ def named(state: State, scan: Scan, random: bool = False) -> tuple[State, list[N
 
 
 def _most_probable_in_place(
-    state: State, k: int, rows: Sequence[Row]
-) -> tuple[State, Sequence[Row], Row]:
+    state: State, k: int, rows: Sequence[Candidate]
+) -> tuple[State, Sequence[Candidate], Candidate]:
     """A state with the most probable cause in the place of one, the rows that stand, and that of
     this cause. A name that looks better and is separably worse when fitted does not stand.
     """
     mine = name_of(state.terms(k))
     names = name_probabilities(rows)
     stated = names.alike[0] if names.listed else UNLISTED
-    own = [r for r in rows if r.name == stated and not (r.misfit or r.imitated) and r.proposal]
+    own = [r for r in rows if r.name == stated and not (r.misfit or r.partial) and r.proposal]
     if stated == mine or not own:
         return state, rows, rows[0]
     best = max(own, key=lambda r: r.score)
@@ -113,12 +109,12 @@ def _is_misfit(state: State, k: int, scan: Scan) -> bool:
     """Whether a listed cause is no thing of its own, but what nameless ones leave of their laws."""
     if not energy_beside(state, k, of_other_kind(state, k)) > 0:
         return False
-    rows = rows_in_place(state, k, scan)
+    rows = candidates_for_cause(state, k, scan)
     best = max((r for r in rows if r.name == UNLISTED), key=lambda r: r.score)
     return best.misfit and not name_probabilities(rows).listed
 
 
-def _late(state: State, k: int, own: Row) -> bool:
+def _late(state: State, k: int, own: Candidate) -> bool:
     """Whether a cause follows temperature late, and all curves over the temperature of now, at the
     places where such curves act on its sensor, are separably worse.
     """

@@ -13,8 +13,7 @@ from itertools import product
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.hypotheses.localised_curves import (
+from tiltcal.diagnosis.hypotheses.curve_forms import (
     Knots,
     bump_at,
     formed,
@@ -22,6 +21,7 @@ from tiltcal.diagnosis.hypotheses.localised_curves import (
     saw_at,
     step_at,
 )
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.curve_coordinates import coordinate_of

@@ -25,7 +25,7 @@ from tiltcal.diagnosis.hypotheses.priors import EXPECTED_CAUSES, UNLISTED_ODDS, 
 from tiltcal.diagnosis.model.channel_noise import noise_within_stops
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.search.state import State, laws, refitted, repriced, without
-from tiltcal.effects.table.readout import IndexError_
+from tiltcal.effects.table.readout import SettingScatter
 
 LENGTHS = (3 * DEG, 10 * DEG, 30 * DEG, 90 * DEG)
 """Over which a law of an angle changes, rad."""
@@ -78,7 +78,7 @@ def cost_with_random_settings(state: State) -> tuple[float, float]:
     for _, every in stops:
         rotations = rotations_of_stops(every, within.fitted, within.whitened)
         any_axis = max(any_axis, common_width(rotations))
-        if not lawful(rotations, _angles(every)):
+        if not is_systematic(rotations, _angles(every)):
             evidence = max(evidence, common_width(rotations))
     return within.cost - any_axis - prior, within.cost - evidence - prior
 
@@ -87,12 +87,12 @@ def _angles(stops: Sequence[Stop]) -> dict[str, Array]:
     return {axis: np.array([s.angles[axis] for s in stops]) for axis in stops[0].angles}
 
 
-def is_lawful(error: SettingError) -> bool:
+def is_systematic_error(error: SettingError) -> bool:
     """Whether what looks like random settings more probably follows a law."""
-    return lawful(error.rotations, _angles(error.stops))
+    return is_systematic(error.rotations, _angles(error.stops))
 
 
-def lawful(rotations: Rotations, angles: Mapping[str, Array]) -> bool:
+def is_systematic(rotations: Rotations, angles: Mapping[str, Array]) -> bool:
     """Whether rotations more probably follow one of some angles, or those before, than nothing.
 
     Args:
@@ -129,10 +129,10 @@ def _of_process(rotations: Rotations, likeness: Array) -> float:
     """Evidence for rotations that are a normal process of this correlation, averaged over its
     width, nats. likeness: (n, n).
     """
-    (width,) = IndexError_.parameters
+    (width,) = SettingScatter.parameters
     size, root = width.plausible[1] * width.factor, rotations.root
     energies, directions = np.linalg.eigh(root @ likeness @ root.T)
-    found = directions.T @ rotations.told
+    found = directions.T @ rotations.projections
     ratio = WIDTHS[:, None] * size**2 * np.maximum(energies, 0.0)
     by_width = 0.5 * (found**2 * ratio / (1 + ratio) - np.log1p(ratio)).sum(axis=1)
     return float(logsumexp(by_width) - np.log(len(WIDTHS)))

@@ -37,7 +37,7 @@ class State:
     """A model, its causes in the order of its findings, and their prices, nats.
 
     Attributes:
-        rests: the same without some of the causes, by their numbers, as they were asked for.
+        reduced_models: the same without some of the causes, by their numbers, as asked for.
         proposals: what may explain its residual, as a scan says.
     """
 
@@ -45,7 +45,9 @@ class State:
     whitened: WhitenedModel
     causes: tuple[Cause, ...] = ()
     prices: tuple[float, ...] = ()
-    rests: dict[tuple[int, ...], "State"] = field(default_factory=dict, init=False, repr=False)
+    reduced_models: dict[tuple[int, ...], "State"] = field(
+        default_factory=dict, init=False, repr=False
+    )
     proposals: "WeakKeyDictionary[Scan, list[Proposal]]" = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
@@ -107,15 +109,15 @@ def one_cause(one: Hypothesis, other: Hypothesis) -> bool:
 
 def without(state: State, *which: int) -> State:
     """A state without some of its causes."""
-    if which in state.rests:
-        return state.rests[which]
+    if which in state.reduced_models:
+        return state.reduced_models[which]
     places = {i for k in which for i in state.fitted.findings()[k]}
     terms = tuple(t for i, t in enumerate(state.fitted.terms) if i not in places)
     fitted = refit_linearly(state.fitted, terms, state.whitened)
     causes = tuple(c for i, c in enumerate(state.causes) if i not in which)
     prices = tuple(p for i, p in enumerate(state.prices) if i not in which)
-    state.rests[which] = State(fitted, state.whitened, causes, prices)
-    return state.rests[which]
+    state.reduced_models[which] = State(fitted, state.whitened, causes, prices)
+    return state.reduced_models[which]
 
 
 def with_new(state: State, proposal: Proposal) -> State:

@@ -17,23 +17,26 @@ from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import refit_about_itself
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.residual_checks.moving_tones import MovingTone, moving_tones
-from tiltcal.diagnosis.residual_checks.narrow_bands import NarrowBand, narrow_bands
+from tiltcal.diagnosis.residual_checks.oscillations import (
+    MovingTone,
+    NarrowBand,
+    moving_tones,
+    narrow_bands,
+)
 from tiltcal.diagnosis.residual_checks.random_motion import RandomMotion, random_motions
 from tiltcal.diagnosis.residual_checks.slow_variation import slow_variations
 from tiltcal.diagnosis.residual_checks.varying_noise import VaryingNoise, varying_noise
-from tiltcal.diagnosis.search.claimed_causes import CLAIM, DOUBTED, believed
+from tiltcal.diagnosis.search.best_shape import normalise_tone_phase
 from tiltcal.diagnosis.search.curve_misfit import largest_misfit
 from tiltcal.diagnosis.search.dictionary import extend_dictionary
-from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.model_search import most_probable, settled
+from tiltcal.diagnosis.search.explained import CLAIM, DOUBTED, Explained, select_claims
+from tiltcal.diagnosis.search.model_search import iterate_to_convergence, most_probable
 from tiltcal.diagnosis.search.names import named, without_misfits
-from tiltcal.diagnosis.search.random_settings import beside_random_settings, is_lawful
+from tiltcal.diagnosis.search.random_settings import beside_random_settings, is_systematic_error
 from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.diagnosis.search.state import laws
 from tiltcal.effects.spans import SpectralLines
-from tiltcal.effects.table.readout import IndexError_
+from tiltcal.effects.table.readout import SettingScatter
 from tiltcal.statistics.noise_spectrum import NoiseFit
 
 
@@ -59,12 +62,12 @@ def search_for_causes(
     state = most_probable(start, whitened, noise_source, found)
     if extend_dictionary(state, lines):
         noise_source = replace(noise_source, total=len(whitened.columns.hypotheses))
-        state = settled(state.over(whitened.columns), noise_source)
+        state = iterate_to_convergence(state.over(whitened.columns), noise_source)
     compared()
     random = False
     if not (floors or _knows_settings(start)):
         state, random = beside_random_settings(state, noise_source)
-    state, chances, doubts = believed(state, noise_source)
+    state, chances, doubts = select_claims(state, noise_source)
     scan = Scan(state.whitened)
     if any(not law.listed for law in laws(state.fitted)):
         state, _ = named(state, scan, random)  # what has a name leaves less of its law
@@ -130,11 +133,11 @@ def _by_chance(
     setting = find_setting_error(
         lawful, start, whitened, noise_source.total, largest_misfit(lawful)
     )
-    if setting is None or is_lawful(setting):
+    if setting is None or is_systematic_error(setting):
         return fitted, []
     return beside_stops(lawful, setting.stops, whitened, noise_source.total), [setting.fault]
 
 
 def _knows_settings(start: FittedModel) -> bool:
     """Whether the scenario says that an axis stops at random."""
-    return any(isinstance(e, IndexError_) for e in start.known)
+    return any(isinstance(e, SettingScatter) for e in start.known)

@@ -52,7 +52,7 @@ class DataDrop(SignalEffect):
         Parameter("samples", "", (100, 100, 100), positive=True, whole=True),
         Parameter("time", "s", (1e5, 1e5, 1e5), shape=True),
     )
-    physics = "A buffer overran: samples are missing and the rest moved up."
+    physics = "A buffer overran: samples are missing and the following ones moved up."
     equation = "from time_s on, reading_k = reading_(k + samples)"
     source = "Physics: Timing and data"
     excited_by = "moves after the loss"

@@ -75,7 +75,7 @@ class DataAxisSwap(ColumnFault):
         for pair in ("xy", "yz", "zx")
     )
     physics = "Two columns are exchanged."
-    equation = "the two channels of a pair change places where its swap is 1"
+    equation = "the two channels of a pair are exchanged where its swap is 1"
     source = "Physics: Timing and data"
     excited_by = "tilting"
     look = "each channel follows the other's attitude"

@@ -71,14 +71,13 @@ class AdcInl(PerChannel):
     source = "IEEE 1241; Physics: Electronics"
     excited_by = "the whole input range"
     look = "as K2, but tied to the voltage"
-    told_apart_by = dict.fromkeys(
+    distinguished_by = dict.fromkeys(
         ("acc_K2", "acc_K3"), "no pose: another gain of the converter, or a known voltage fed to it"
     )
     linear = True
     form = "any"
     family = Family(reading=("input",))
     superposes = True
-    nonlinear_in_input = True
 
     @classmethod
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
@@ -96,12 +95,14 @@ class AdcQuantisation(SignalEffect):
     stage: ClassVar[Stage] = "electronics"
     kinds = ANALOG
     order = 80
-    title = "coarse code"
+    title = "coarse quantisation"
     parameters = (Parameter("lsb", "si", (1e-5, 1e-4, 1e-2), positive=True),)
-    physics = "The converter rounds to its code; a median sticks to codes, a mean does not."
+    physics = (
+        "The converter rounds to one LSB; a median sticks to multiples of it, a mean does not."
+    )
     equation = "reading = lsb round(reading / lsb)"
     source = "IEEE 1241; Widrow and Kollar 2008; Physics: Electronics"
-    excited_by = "noise below one code"
+    excited_by = "noise below one LSB"
     look = "a staircase"
     random = True  # a rounding error is noise: `--noise off` leaves it out
     repair = "samples"
@@ -123,7 +124,7 @@ class GyrQuantisation(AdcQuantisation):
     needs = "any"
     stage = "sensor"
     kinds = frozenset({"gyro", "fog"})
-    title = "coarse output code"
+    title = "coarse quantisation of the output"
     parameters = (Parameter("lsb", "deg_s", (1e-5, 0.004, 0.06), positive=True),)
     physics = "The gyro's digital output has few bits a degree per second."
     equation = "reading = lsb round(reading / lsb)"
@@ -138,13 +139,13 @@ class AdcStuckBit(SignalEffect):
     stage = "electronics"
     kinds = ANALOG
     order = 82
-    title = "missing codes, stuck bit"
+    title = "missing output values, stuck bit"
     parameters = (Parameter("bit_value", "si", (1e-4, 1e-3, 1e-2), positive=True),)
     physics = "A line of the interface or a comparator is stuck: one bit always reads 0."
     equation = "reading -= bit where floor(reading / bit) is odd, on one axis where one is named"
     source = "IEEE 1241; Physics: Electronics"
     excited_by = "readings that use the bit"
-    look = "half of all codes missing, jumps by one bit"
+    look = "half of all output values missing, jumps by one bit"
     threshold = True
     repair = "samples"
 

@@ -25,7 +25,7 @@ class GravityMagnitude(WorldEffect):
     excited_by = "any pose"
     look = "all scale factors shift alike; the norm is off by a constant"
     linear = True
-    told_apart_by = {"acc_scale": "only knowledge of the local g from outside"}
+    distinguished_by = {"acc_scale": "only knowledge of the local g from outside"}
 
     def world(self, world: World) -> World:
         return replace(world, gravity=world.gravity * (1 + self.value("gravity_error")))

@@ -193,7 +193,7 @@ class RemountRepeatability(FrameEffect):
     look = "a step of all channels at a remount, norm unchanged"
     random = True
     like_event = "mount_slip"
-    told_apart_by = {"mount_slip": "record twice more, once without a remount between"}
+    distinguished_by = {"mount_slip": "record twice more, once without a remount between"}
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount" or context.rng is None:

@@ -19,8 +19,8 @@ class TriadSizeEffect(TermEffect):
     title = "the three accelerometers sit at different points"
     parameters = (Parameter("offset_{axis}", "mm", (30, 10, 1)),)
     physics = (
-        "Each accelerometer of a triad feels the centripetal and tangential acceleration of its own"
-        " place."
+        "Each accelerometer of a triad feels the centripetal and tangential acceleration at its own"
+        " position."
     )
     equation = (
         "f_i at r_i: x displaced along y, y along z, z along x; f_i += (dw x r_i + w x (w x r_i))_i"

@@ -84,7 +84,7 @@ class AccCrossAxis(TermEffect):
     order = 10
     title = "cross-axis sensitivity and non-orthogonality"
     parameters = (Parameter("cross_{pair}", "ppm", (2000, 10000, 20000)),)
-    physics = "Sensing axes are not square to each other, or lean against the body's frame."
+    physics = "Sensing axes are not orthogonal, or are misaligned with the body's frame."
     equation = "reading_i += C_ij f_j"
     source = "IEEE 1293; Geist et al. 2017; Physics: Accelerometers and inclinometers"
     excited_by = "tilting the other axis"
@@ -110,8 +110,7 @@ class AccK2(AccTerm):
     look = "constant and second harmonic; the norm gains first and third"
     ordinary = True
     family = Family(reading=("input",))
-    nonlinear_in_input = True
-    told_apart_by = {
+    distinguished_by = {
         "table_encoder_eccentricity": "compare the norm of all three axes: only K2 changes it"
     }
 
@@ -129,8 +128,7 @@ class AccK3(AccTerm):
     look = "first and third harmonics; six positions hide it in the scale factor"
     ordinary = True
     family = Family(reading=("input",))
-    nonlinear_in_input = True
-    told_apart_by = {"acc_Koq": "nothing within 1 g: a centrifuge"}
+    distinguished_by = {"acc_Koq": "nothing within 1 g: a centrifuge"}
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi * fi * fi / G0**2
@@ -145,7 +143,6 @@ class AccKoq(AccTerm):
     excited_by = "a dense sweep of its own axis"
     look = "as K3 (cosine 0.99 within 1 g)"
     family = Family(reading=("input",))
-    nonlinear_in_input = True
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi * np.abs(fi) / G0
@@ -160,7 +157,6 @@ class AccScaleAsym(AccTerm):
     excited_by = "both signs of its own force"
     look = "a kink at zero; near K2"
     family = Family(reading=("input",))
-    nonlinear_in_input = True
 
     @classmethod
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
@@ -180,7 +176,6 @@ class AccBiasAsym(AccTerm):
     excited_by = "crossing zero force"
     look = "a step at zero force"
     family = Family(reading=("input",))
-    nonlinear_in_input = True
 
     @classmethod
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:

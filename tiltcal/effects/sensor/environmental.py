@@ -65,7 +65,7 @@ class AccTempBias(FollowsTemperature):
     ordinary = True
     family = Family(reading=("temperature",))
     felt_late = True
-    told_apart_by = {
+    distinguished_by = {
         "acc_drift": "take the temperature up and down again",
         "acc_warmup": "restart at a settled temperature",
         "acc_bias_step": "take the temperature up and down again",

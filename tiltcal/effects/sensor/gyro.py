@@ -73,7 +73,6 @@ class GyrScaleAsym(GyrTerm):
     excited_by = "turns both ways"
     look = "even in the rate"
     family = Family(reading=("input",))
-    nonlinear_in_input = True
     follows = "rate"
 
     def column(self, w: Array) -> Array:
@@ -90,7 +89,6 @@ class GyrNonlinearity(GyrTerm):
     excited_by = "turns at several rates"
     look = "odd in the rate, beyond a straight line"
     family = Family(reading=("input",))
-    nonlinear_in_input = True
 
     def column(self, w: Array) -> Array:
         return w**3
@@ -117,7 +115,7 @@ class GyrMisalignment(RowWiseTerm):
     order = 10
     title = "cross-axis"
     parameters = (Parameter("cross_{pair}", "ppm", (500, 10000, 20000)),)
-    physics = "Input axes lean against the body's frame."
+    physics = "Input axes are misaligned with the body's frame."
     equation = "reading_i += C_ij w_j"
     source = "IEEE 1431; Physics: Gyroscopes and FOGs"
     excited_by = "turning about another axis"
@@ -140,7 +138,7 @@ class GyrGsens(RowWiseTerm):
     physics = "Gravity deflects the vibrating mass; the bias depends on the pose."
     equation = "reading_i += G_ij f_j (g)"
     source = "IEEE 1431; Physics: Gyroscopes and FOGs"
-    excited_by = "rest in several poses"
+    excited_by = "dwell in several poses"
     look = "static bias follows the pose; integrates to zero over a full turn"
     linear = True
     ordinary = True
@@ -160,7 +158,7 @@ class GyrG2sens(RowWiseTerm):
     physics = "Anisoelastic deflection: two load directions at once turn the drive mode."
     equation = "reading_i += G2_ij f_j^2 (g)"
     source = "IEEE 1431; Physics: Gyroscopes and FOGs"
-    excited_by = "rest in several poses"
+    excited_by = "dwell in several poses"
     look = "even in the force, second harmonic over a turn"
     linear = True
     family = Family(reading=("force_x", "force_y", "force_z"))

@@ -138,7 +138,7 @@ class AccTurnOn(SignalEffect):
     look = "a constant in one recording, another in the next"
     random = True
     like_event = "acc_bias_step"
-    told_apart_by = {"acc_bias_step": "record twice more, with the power switched off between"}
+    distinguished_by = {"acc_bias_step": "record twice more, with the power switched off between"}
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         return (

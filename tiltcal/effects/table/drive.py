@@ -61,7 +61,7 @@ class TableUnbalance(AngleEffect):
     mechanised = True
     same_law_as = "table_encoder_eccentricity"
     axis_by_gravity = True
-    told_apart_by = {"table_sag": "change the payload's mass and place"}
+    distinguished_by = {"table_sag": "change the payload's mass and position"}
 
     def acts_on(self, axis: str, rig: Rig) -> bool:
         return axis == (self.axis or rig.kind.loaded)
@@ -138,14 +138,15 @@ class ServoFrictionDeadband(AngleEffect):
     id = "servo_friction_deadband"
     needs = "direction"
     stage = "table"
-    title = "rests short of the command by friction"
+    title = "stops short of the command by friction"
     parameters = (Parameter("width", "arcsec", (2, 20, 60), positive=True), CROSSING)
     physics = (
-        "Below the friction torque the loop does not pull any more: the axis rests tau_f / kp"
+        "Below the friction torque the loop does not pull any more: the axis stops tau_f / kp"
         " short."
     )
     equation = (
-        "true rests width/2 short of the command, in the direction of the last motion (readout ="
+        "the true angle stops width/2 short of the command, in the direction of the last motion"
+        " (readout ="
         " command); with a crossing, the play state of the command in place of the sign"
     )
     source = "Armstrong-Helouvry et al. 1994; Physics: Table mechanics"

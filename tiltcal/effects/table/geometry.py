@@ -158,7 +158,7 @@ class AxisNonintersection(LinkEffect):
     title = "table axes do not intersect"
     parameters = (Parameter("offset", "mm", (0.5, 5, 5)),)
     physics = (
-        "The inner axes pass beside the outer one: a lever arm that depends on which axis turns."
+        "The inner axes do not meet the outer one: a lever arm that depends on which axis turns."
     )
     equation = (
         "inner axes displaced along the perpendicular of the first two: dual along y, three along"

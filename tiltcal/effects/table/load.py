@@ -47,7 +47,7 @@ class JointAxisTilt(_OfModel):
     source = "Hayati and Mirmirani 1985; Physics: Joints and links"
     excited_by = "that joint turning"
     look = "a tilt that grows as the joint leaves the model's reference"
-    told_apart_by = {"link_tilt": "that joint and the next one turning over a wide range"}
+    distinguished_by = {"link_tilt": "that joint and the next one turning over a wide range"}
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         axis, chain = self.axis or context.rig.axis_names[0], context.rig.kind.chain
@@ -129,7 +129,7 @@ class LinkCompliance(_OfModel):
     excited_by = "that joint turning over a wide range, in poses in which its load differs"
     look = "a rotation that follows the load moment in a frame that turns with the joint"
     follows = "load moment"
-    told_apart_by = {JointCompliance.id: "that joint turning over a wide range"}
+    distinguished_by = {JointCompliance.id: "that joint turning over a wide range"}
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         own = self.axis or context.rig.axis_names[0]
@@ -207,7 +207,7 @@ class Payload(LoadEffect):
     excited_by = "poses in which the load of a joint or base that bends differs"
     look = "a known bend that follows another load than the model's"
     follows = "load moment"
-    told_apart_by = {
+    distinguished_by = {
         JointCompliance.id: "the same poses without the payload",
         LinkCompliance.id: "the same poses without the payload",
         BaseLoadCompliance.id: "the same poses without the payload",

@@ -84,7 +84,7 @@ class EncoderEccentricity(ReadoutError):
     harmonic = 1
     ordinary = True
     family = Family(readout=("table_{axis}",))
-    told_apart_by = {"table_sag": "change the payload: sag changes, the encoder does not"}
+    distinguished_by = {"table_sag": "change the payload: sag changes, the encoder does not"}
 
     def error(self, true: Jet, axis: str) -> Jet:
         return true.harmonic(self.harmonic, self.value("cos"), self.value("sin"))
@@ -101,10 +101,10 @@ class Encoder2Rev(EncoderEccentricity):
     equation = "readout = true + c cos 2a + s sin 2a"
     look = "first and third harmonics on both channels; norm unchanged"
     harmonic = 2
-    told_apart_by = {}
+    distinguished_by = {}
 
 
-class IndexError_(AngleEffect):
+class SettingScatter(AngleEffect):
     id = "table_index_error"
     stage = "table"
     title = "random setting error at each stop"
@@ -207,7 +207,7 @@ class TableBacklash(AngleEffect):
     linear = True
     mechanised = True
     superposes = True
-    told_apart_by = {"servo_friction_deadband": "read encoder and command both"}
+    distinguished_by = {"servo_friction_deadband": "read encoder and command both"}
 
     @classmethod
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:

@@ -30,7 +30,7 @@ class SettlingTransient(AngleEffect):
         Parameter("tau", "s", (0.2, 0.5, 2), positive=True, default=0.5),
         EARLY,
     )
-    physics = "The structure rings when a move stops, let go before the readout is at rest."
+    physics = "The structure rings when a move stops, released before the readout stands still."
     equation = "A exp(-s/tau) cos(2 pi f s), s = early + time since the end of the move"
     source = "Piersol and Paez 2009; Physics: Table mechanics"
     excited_by = "the first samples after each move"
@@ -63,7 +63,7 @@ def ringing(drive: Drive, amplitude: float, frequency: float, tau: float, early:
     """A decaying cosine from the end of each move on; nothing before the first, (n,). amplitude:
     rad; frequency: Hz; tau: s; early: s, by which it began before the end.
     """
-    rests = Rests.told(drive.rests, drive.time, drive.stop)
+    rests = Rests.at(drive.rests, drive.time, drive.stop)
     t, rings = rests.since(drive.time), rests.holds(drive.time) & (np.cumsum(drive.stop < 0) > 0)
     rate = -1 / tau + 2j * np.pi * frequency
     wave = amplitude * np.exp(rate * np.where(rings, t + early, 0.0)) * rings

@@ -21,7 +21,7 @@ class DataLatency(DelayEffect):
     source = "Physics: Timing and data"
     excited_by = "moves"
     look = "a rotation proportional to the rate, odd in it, nothing at rest"
-    told_apart_by = {"acc_bandwidth": "ramp"}
+    distinguished_by = {"acc_bandwidth": "ramp"}
 
     def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
         return self.value("latency")
@@ -55,7 +55,7 @@ class ClockSkew(DelayEffect):
     physics = "The recorder's clock drifts against the table's."
     equation = "signal at t (1 - k) is stamped t"
     source = "Physics: Timing and data"
-    excited_by = "moves late in a long recording"
+    excited_by = "moves near the end of a long recording"
     look = "a delay that grows"
     shows_against_table = True
 

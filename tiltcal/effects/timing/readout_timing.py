@@ -27,7 +27,7 @@ class ReadoutAverage(AngleEffect):
     title = "the readout is a moving average"
     parameters = (Parameter("window", "ms", (1, 20, 200), positive=True),)
     physics = (
-        "The encoder's electronics average the angle over a window, so that the readout is late by"
+        "The encoder's electronics average the angle over a window, so that the readout lags by"
         " half of it and rounds off every move."
     )
     equation = "readout(t) = mean of the true angle from t - window to t"
@@ -37,7 +37,7 @@ class ReadoutAverage(AngleEffect):
     axis_wise = False
     on_table = True
     shows_against_table = True
-    told_apart_by = {"data_latency": "record moves of several accelerations"}
+    distinguished_by = {"data_latency": "record moves of several accelerations"}
 
     @classmethod
     def shows_on(cls, rig: Rig) -> bool:

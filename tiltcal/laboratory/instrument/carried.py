@@ -9,7 +9,7 @@ from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_mount
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect, WritingEffect
-from tiltcal.effects.events import as_met
+from tiltcal.effects.events import active_in
 from tiltcal.effects.sense import Sense
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import Mover, make_sense, streams_of
@@ -51,7 +51,7 @@ class CarriedInstrument:
         realised: Sequence[str] = (),
     ) -> None:
         self.scenario, self.mover, self.seed = scenario, mover, seed
-        effects = [e for e in as_met(scenario.effects, NEW) if not e.is_identity]
+        effects = [e for e in active_in(scenario.effects, NEW) if not e.is_identity]
         self.geometry = geometry_of(effects, realised)
         signal = [e for e in effects if isinstance(e, SignalEffect | DelayEffect)]
         self.setups = []

@@ -1,21 +1,72 @@
-"""The chain of errors of one sensor, step by step: the order of ``forward.signal_chain``."""
+"""The chain of errors of one sensor, step by step, in the order of ``forward.signal_chain``, with
+what the sensor was exposed to in the last steps and between them.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from math import prod
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Index
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import tilt_of_force
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
 from tiltcal.effects.sense import Sense
 from tiltcal.effects.stepwise import Rows, StepEffect, Stepping
 from tiltcal.forward.signal_chain import CONVERSION, stream
-from tiltcal.laboratory.instrument.history import History
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.sensor import Sensor
+
+NODES = 4  # steps through which what is between them is interpolated: a cubic
+WHOLE = 1e-6  # of a step: a delay so near to a whole number of steps is one
+
+
+class History:
+    """The inputs of the last steps of many environments.
+
+    Args:
+        longest: delay that is asked for, steps.
+        rows: environments; width: numbers of an input.
+    """
+
+    def __init__(self, longest: float, rows: int, width: int) -> None:
+        self.inputs = np.zeros((int(np.ceil(longest)) + NODES, rows, width))
+        self.at = 0
+
+    def add(self, values: Array, begun: Index) -> None:
+        """The inputs of a step, (rows, width); environments that have ``begun`` were always there:
+        they rested before.
+        """
+        self.at = (self.at + 1) % len(self.inputs)
+        self.inputs[self.at] = values
+        if len(begun):
+            self.inputs[:, begun] = values[begun]
+
+    def before(self, steps: float, rows: Rows) -> Array:
+        """The inputs some steps ago, not before the first, (n, width)."""
+        whole = round(steps)
+        if abs(steps - whole) < WHOLE:
+            return self._ago(whole, rows)
+        first, weights = nodes_about(steps)
+        nodes = (self.at - first - np.arange(NODES)) % len(self.inputs)
+        return np.asarray(np.einsum("s,snw->nw", weights, self.inputs[nodes][:, rows]))
+
+    def _ago(self, steps: int, rows: Rows) -> Array:
+        return np.asarray(self.inputs[(self.at - steps) % len(self.inputs)][rows])
+
+
+@cache
+def nodes_about(steps: float) -> tuple[int, Array]:
+    """The first of the steps ago through which a cubic gives what was between them, and the weights
+    of all, (NODES,).
+    """
+    first = max(int(np.floor(steps)) - 1, 0)  # the step after it, where there is one, counts
+    nodes = range(first, first + NODES)
+    weights = (prod((steps - m) / (n - m) for m in nodes if m != n) for n in nodes)
+    return first, np.array([*weights])
+
 
 INPUT = 9  # numbers of an input: force, rate, angular acceleration
 

@@ -8,10 +8,9 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
-from tiltcal.effects.events import as_met
+from tiltcal.effects.events import active_in
 from tiltcal.effects.stepwise import Rows
-from tiltcal.laboratory.instrument.chain import INPUT, SensorChain, Surroundings
-from tiltcal.laboratory.instrument.history import History
+from tiltcal.laboratory.instrument.chain import INPUT, History, SensorChain, Surroundings
 from tiltcal.laboratory.laboratory import NEW
 from tiltcal.laboratory.scenario import Scenario
 
@@ -147,7 +146,7 @@ def live_effects(scenario: Scenario) -> list[Effect]:
             need="at least one [[sensor]]",
             do="add one",
         )
-    effects = [e for e in as_met(scenario.effects, NEW) if not e.is_identity]
+    effects = [e for e in active_in(scenario.effects, NEW) if not e.is_identity]
     for effect in effects:
         if not isinstance(effect, SignalEffect | DelayEffect):
             raise TiltcalError(

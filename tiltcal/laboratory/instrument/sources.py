@@ -72,7 +72,7 @@ def triad(values: Any, name: str) -> Array:
             f"`{name}`",
             found=f"an array of shape {found.shape}",
             need="x, y and z in the body frame on the last axis",
-            do="give three places, or a function that returns (..., 3)",
+            do="give three indices, or a function that returns (..., 3)",
         )
     return found
 

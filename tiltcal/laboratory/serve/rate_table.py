@@ -1,9 +1,12 @@
 """The table behind the wire: axes, interlock, faults, and the instrument that it carries. It knows
 nothing of sockets and of the wall clock: its time is advanced by who owns it.
+
+``Mechanics`` is the interface to a motion that is run by time steps.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -16,9 +19,42 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.laboratory.sensor_columns import to_column
 from tiltcal.laboratory.serve.axis import AxisDrive
 from tiltcal.laboratory.serve.frame import FrameFormat
-from tiltcal.laboratory.serve.mechanics import Mechanics
 from tiltcal.setup.tables import angle_channel
 from tiltcal.setup.trajectory import Drive, Jet
+
+
+class Mechanics(Protocol):
+    """Servos and structure that follow what is asked of them, as far as the time goes."""
+
+    @property
+    def realised(self) -> tuple[str, ...]:
+        """Addresses of the effects that are mechanics here."""
+
+    def advance(self, time: float, asked: Callable[[Array], Drive]) -> None:
+        """Step until the state at an instant is known, s. asked: of the motors, at the times of the
+        steps to come, (n,).
+
+        Raises:
+            TiltcalError: the run diverges.
+        """
+
+    def halt(self) -> dict[str, float]:
+        """After that, rest where the last sound state was: the angle of each axis there, rad."""
+
+    def observed(self, asked: Drive) -> Drive:
+        """What encoders and structure do at the times of ``asked``, which were stepped."""
+
+    def remount(self, mount: str) -> None:
+        """The instrument is mounted anew."""
+
+
+@runtime_checkable
+class MechanicalLaboratory(Protocol):
+    """A laboratory with mechanics."""
+
+    def mechanics(self, scenario: Scenario) -> Mechanics:
+        """Those of a scenario with ``[dynamics]``."""
+
 
 BLOCK = 128  # frames whose motion is computed at once
 SETTLED = 0.01  # deg/s or mm/s, of an axis that no longer moves

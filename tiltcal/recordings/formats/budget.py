@@ -8,7 +8,7 @@ GIGABYTE = 1e9
 
 
 @dataclass(frozen=True)
-class Budget:
+class ReadBudget:
     """The limit.
 
     Args:

@@ -8,9 +8,8 @@ import numpy as np
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.optional_library import library
-from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.grouping import by_length
-from tiltcal.recordings.formats.raw_table import Raw, RawFile, vectors
+from tiltcal.recordings.formats.budget import ReadBudget
+from tiltcal.recordings.formats.raw_table import Raw, RawFile, by_length, vectors
 
 _UNIT_KEYS = ("units", "unit", "UNITS", "Unit", "Units")
 _CLASS = "MATLAB_class"
@@ -19,7 +18,7 @@ _NUMERIC_CLASSES = {"double", "single", "logical"} | {
 }
 
 
-def read_hdf5(path: Path, budget: Budget) -> RawFile:
+def read_hdf5(path: Path, budget: ReadBudget) -> RawFile:
     """All data sets, and the fields of compound ones, by their paths.
 
     Raises:

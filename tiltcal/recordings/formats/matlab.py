@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.grouping import by_length
-from tiltcal.recordings.formats.raw_table import Raw, RawFile, vectors
+from tiltcal.recordings.formats.budget import ReadBudget
+from tiltcal.recordings.formats.raw_table import Raw, RawFile, by_length, vectors
 
 _CELL = 8  # bytes of a value
 
 
-def read_matlab(path: Path, budget: Budget) -> RawFile:
+def read_matlab(path: Path, budget: ReadBudget) -> RawFile:
     """Matrices as columns, and the fields of structures by ``name.field``.
 
     Raises:

@@ -7,12 +7,11 @@ from typing import IO
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.grouping import by_length
-from tiltcal.recordings.formats.raw_table import Raw, RawFile, vectors
+from tiltcal.recordings.formats.budget import ReadBudget
+from tiltcal.recordings.formats.raw_table import Raw, RawFile, by_length, vectors
 
 
-def read_npz(path: Path, budget: Budget) -> RawFile:
+def read_npz(path: Path, budget: ReadBudget) -> RawFile:
     """All arrays of an archive; objects that need pickle are refused.
 
     Raises:

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.raw_table import RawFile, RawTable
 from tiltcal.recordings.formats.text import arrow_to_numpy
 
 _CELL = 8  # bytes of a value
 
 
-def read_parquet_tables(path: Path, budget: Budget) -> RawFile:
+def read_parquet_tables(path: Path, budget: ReadBudget) -> RawFile:
     """The flat columns of a Parquet file; lists and structures are left out.
 
     Raises:

@@ -1,6 +1,8 @@
-"""What every reader of a foreign format returns: tables of named raw columns."""
+"""What every reader of a foreign format returns: tables of named raw columns. Where a file states
+no tables, columns of one length belong together.
+"""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -144,3 +146,39 @@ def typed(values: Raw) -> Raw | None:
         texts = [v.decode(errors="replace") if isinstance(v, bytes) else v for v in values]
         return np.array([str(t) if t is not None else None for t in texts], dtype=object)
     return None
+
+
+def by_length(
+    columns: Sequence[tuple[str, Raw]],
+    units: Mapping[str, str],
+    source: str,
+    prefix: str = "",
+) -> tuple[RawTable, ...]:
+    """Tables of equally long columns, the longest first; single values are metadata.
+
+    Args:
+        source: of the file, for the names of the tables.
+        columns: name and values, (n,) each.
+        units: name -> unit as stated.
+        prefix: name of the longest table; the others are called ``<prefix>rows_<n>``.
+
+    Raises:
+        TiltcalError: there is no column.
+    """
+    single = {name: str(values[0]) for name, values in columns if len(values) == 1}
+    groups: dict[int, list[tuple[str, Raw]]] = {}
+    for name, values in columns:
+        if len(values) > 1:
+            groups.setdefault(len(values), []).append((name, values))
+    if not groups:
+        raise TiltcalError(
+            f"foreign recording {source}",
+            found="no array of numbers",
+            need="columns of numbers, as vectors, matrices or structures of them",
+            do="save the channels as plain arrays",
+        )
+    found: list[RawTable] = []
+    for n in sorted(groups, reverse=True):
+        name = prefix if not found else f"{prefix}{'.' if prefix else ''}rows_{n}"
+        found.append(RawTable(name, tuple(groups[n]), units, single))
+    return tuple(found)

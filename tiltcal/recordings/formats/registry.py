@@ -1,4 +1,6 @@
-"""All foreign formats, and which of them a file has: by its first bytes, then by its name."""
+"""All foreign formats, which of them a file has (by its first bytes, then by its name), and the
+error of a file that its library cannot read.
+"""
 
 import importlib
 from dataclasses import dataclass
@@ -6,10 +8,20 @@ from pathlib import Path
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
-from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.extras import unreadable
+from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.mapping import FileWords
+
+
+def unreadable(source: str, format: str, error: BaseException) -> TiltcalError:
+    """What to raise where a library cannot read a file."""
+    text = str(error).strip().splitlines()
+    return TiltcalError(
+        f"foreign recording {source}",
+        found=text[0][:200] if text else type(error).__name__,
+        need=f"a whole {format} file",
+        do="check the file, or export it again",
+    )
 
 
 @dataclass(frozen=True)
@@ -28,7 +40,7 @@ class Format:
     marks: tuple[bytes, ...] = ()
     suffixes: tuple[str, ...] = ()
 
-    def read(self, path: Path, words: FileWords, budget: Budget) -> RawFile:
+    def read(self, path: Path, words: FileWords, budget: ReadBudget) -> RawFile:
         """The raw tables of a file.
 
         Raises:
@@ -45,16 +57,16 @@ class Format:
 
 
 TEXT = Format("text", "text:read_text")
-BAG_FOLDER = Format("ROS 2 bag", "ros_bags:read_bag")
+BAG_FOLDER = Format("ROS 2 bag", "ros_files:read_bag")
 BINARY = (
     Format("Parquet", "parquet_tables:read_parquet_tables", (b"PAR1",), (".parquet", ".pq")),
     Format("NPZ", "numpy_archive:read_npz", (b"PK\x03\x04", b"PK\x05\x06"), (".npz",)),
     Format("MATLAB", "matlab:read_matlab", (b"MATLAB 5.0",)),
     Format("MATLAB v7.3", "hdf5:read_hdf5", (b"MATLAB 7.3",)),
     Format("HDF5", "hdf5:read_hdf5", (b"\x89HDF\r\n\x1a\n",), (".h5", ".hdf5", ".hdf")),
-    Format("ROS 1 bag", "ros_bags:read_bag", (b"#ROSBAG V2.0",), (".bag",)),
-    Format("ROS 2 bag", "ros_bags:read_bag", (b"SQLite format 3\x00",), (".db3",)),
-    Format("MCAP", "mcap_files:read_mcap", (b"\x89MCAP0\r\n",), (".mcap",)),
+    Format("ROS 1 bag", "ros_files:read_bag", (b"#ROSBAG V2.0",), (".bag",)),
+    Format("ROS 2 bag", "ros_files:read_bag", (b"SQLite format 3\x00",), (".db3",)),
+    Format("MCAP", "ros_files:read_mcap", (b"\x89MCAP0\r\n",), (".mcap",)),
     Format("ULog", "ulog:read_ulog", (b"ULog\x01\x12\x35",), (".ulg", ".ulog")),
     Format("TDMS", "tdms:read_tdms", (b"TDSm",), (".tdms",)),
 )
@@ -97,7 +109,7 @@ def format_of(path: Path) -> Format:
     return TEXT
 
 
-def read_raw(path: Path, words: FileWords, budget: Budget | None = None) -> RawFile:
+def read_raw(path: Path, words: FileWords, budget: ReadBudget | None = None) -> RawFile:
     """The raw tables of a foreign file.
 
     Args:
@@ -108,4 +120,4 @@ def read_raw(path: Path, words: FileWords, budget: Budget | None = None) -> RawF
     Raises:
         TiltcalError: as ``Format.read`` and ``format_of`` do.
     """
-    return format_of(path).read(path, words, budget or Budget())
+    return format_of(path).read(path, words, budget or ReadBudget())

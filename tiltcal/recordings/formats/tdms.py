@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from tiltcal.core.optional_library import library
-from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.grouping import by_length
-from tiltcal.recordings.formats.raw_table import DAMAGED, Raw, RawFile, RawTable, vectors
+from tiltcal.recordings.formats.budget import ReadBudget
+from tiltcal.recordings.formats.raw_table import DAMAGED, Raw, RawFile, RawTable, by_length, vectors
 
 TIME = "waveform time"
 """Name of the column of times that follow from ``wf_increment``, s."""
@@ -16,7 +15,7 @@ _UNIT_KEYS = ("unit_string", "NI_UnitDescription", "unit", "units")
 _CELL = 8  # bytes of a value
 
 
-def read_tdms(path: Path, budget: Budget) -> RawFile:
+def read_tdms(path: Path, budget: ReadBudget) -> RawFile:
     """One table a group; channels of a waveform bring their times.
 
     Raises:

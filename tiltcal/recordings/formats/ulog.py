@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.optional_library import library
-from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.raw_table import DAMAGED, RawFile, RawTable, typed
 
 TIME = "timestamp"
@@ -20,7 +20,7 @@ _UNITS = {
 """Units of the fields, as the messages of PX4 define them."""
 
 
-def read_ulog(path: Path, budget: Budget) -> RawFile:
+def read_ulog(path: Path, budget: ReadBudget) -> RawFile:
     """One table a topic; further instances of a topic are called ``<topic>_1`` and so on.
 
     Raises:

@@ -46,7 +46,7 @@ def unit_by_norm(windows: Windows | None, stated: str, whole: bool) -> UnitGuess
         whole: all readings are whole numbers.
     """
     if windows is None:
-        return _as_stated(stated, "too few rows to see a rest")
+        return _as_stated(stated, "too few rows to see a standstill")
     norm, spread = norm_at_rest(windows)
     near = [u for u, size in NORMS.items() if abs(norm / size - 1) < _NEAR and spread < _EVEN]
     said = f"norm at rest {norm:.4g}"

@@ -11,7 +11,7 @@ from tiltcal.recordings.proposal.rests import windows_of
 from tiltcal.recordings.proposal.turning import follow, unit_of_gyro
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rig_fit import (
-    CLEAR,
+    CLEARLY_WORSE,
     FITS,
     RigFit,
     read_poses,
@@ -135,10 +135,10 @@ def _accelerometer(recording: Recording, guess: SensorGuess, gravity: float) -> 
         )
     sphere = None if windows is None else _sphere(windows.at_rest)
     if sphere is None:
-        doubt = f"zero and scale of {guess.name}: its rests lie on no sphere; fill in `input`"
+        doubt = f"zero and scale of {guess.name}: its dwell means lie on no sphere; fill in `input`"
         return replace(guess, doubts=(doubt,))
     centre, radius = sphere
-    reason = f"its rests lie on a sphere of {radius:.5g} {guess.unit}, which is gravity"
+    reason = f"its standstill means lie on a sphere of {radius:.5g} {guess.unit}, which is gravity"
     zero = tuple(float(x) for x in centre)
     return replace(guess, reason=reason, zero=zero, per_m_s2=radius / gravity)
 
@@ -197,7 +197,9 @@ def _by_gravity(fits: list[RigFit], best: RigFit, mount: str, stated: bool) -> R
         off = f"{best.misfit:.2g} rad"
         doubt = f"table and mount: gravity follows no table with these axes (best {off})"
         return RigGuess(best.table.name, mount, "its columns have the axes of this table", (doubt,))
-    alike = [f for f in fits if f.misfit < max(CLEAR * fits[0].misfit, FITS / CLEAR)]
+    alike = [
+        f for f in fits if f.misfit < max(CLEARLY_WORSE * fits[0].misfit, FITS / CLEARLY_WORSE)
+    ]
     chosen = min(alike, key=lambda f: (stated and f.mount != mount, _turned(f), f.mount != mount))
     rig = Rig(table=chosen.table.name, mount=chosen.mount)
     others = simplest([f for f in alike if f is not chosen], rig)[:SHOWN]

@@ -12,11 +12,11 @@ from pydantic import Field, ValidationError, field_validator
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
 from tiltcal.laboratory.scenario import load_scenario
-from tiltcal.validation.campaign.factors import Factor, Part
-from tiltcal.validation.campaign.fields import Document
+from tiltcal.setup.part import StrictTable
+from tiltcal.validation.campaign.factors import Document, Factor
 
 
-class CampaignTable(Part):
+class CampaignTable(StrictTable):
     """The keys of a campaign file.
 
     Args:

@@ -14,10 +14,10 @@ from tiltcal.core.tasks.run_tasks import Task
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, fresh, parse_scenario
 from tiltcal.validation.campaign.campaign_file import Campaign, hash_of
-from tiltcal.validation.campaign.fields import Document
+from tiltcal.validation.campaign.factors import Document
 from tiltcal.validation.campaign.points import Point, points_of
+from tiltcal.validation.run_files import row_of
 from tiltcal.validation.runs import Row, laboratory_of, run_seed
-from tiltcal.validation.stored_rows import row_of
 
 RECORDS = "the runs of `tiltcal campaign`"
 KEPT = 4096

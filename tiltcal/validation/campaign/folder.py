@@ -8,9 +8,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import make_folder, write_json
+from tiltcal.core.files import claimed, make_folder, write_json
 from tiltcal.core.progress import Progress
 from tiltcal.core.read_back import Stored, checked, read_json
 from tiltcal.core.tasks.engines import Engine
@@ -44,13 +43,13 @@ class StoredCampaign(Stored):
 
 
 @dataclass(frozen=True)
-class Place:
+class CampaignFiles:
     """Files of a campaign: a folder, or for a file ``x.parquet`` the files ``x.*`` beside it."""
 
     results: Path
 
     @classmethod
-    def of(cls, output: Path) -> "Place":
+    def of(cls, output: Path) -> "CampaignFiles":
         """By what ``-o`` names; the folder is made.
 
         Raises:
@@ -170,14 +169,14 @@ def forget_faults(campaign: Campaign, journal: Journal) -> None:
             journal.forget(run.key)
 
 
-def write_campaign(campaign: Campaign, place: Place) -> None:
+def write_campaign(campaign: Campaign, place: CampaignFiles) -> None:
     """Keep a campaign with its scenario beside its journal, for ``read_campaign``."""
     table = campaign.table.model_dump(mode="json", by_alias=True, exclude_none=True)
     document = json.loads(json.dumps(campaign.document, default=str))
     write_json(place.beside(".campaign.json"), {"campaign": table, "scenario": document})
 
 
-def read_campaign(place: Place) -> Campaign:
+def read_campaign(place: CampaignFiles) -> Campaign:
     """The campaign whose runs are there.
 
     Raises:
@@ -190,7 +189,7 @@ def read_campaign(place: Place) -> Campaign:
     return Campaign(checked(CampaignTable, found.campaign, subject, WRITTEN), found.scenario)
 
 
-def merged(places: Sequence[Place], into: Place) -> Campaign:
+def merged(places: Sequence[CampaignFiles], into: CampaignFiles) -> Campaign:
     """Take the runs of several places, made as shards, into one; which campaign it is.
 
     Raises:

@@ -15,7 +15,7 @@ from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.validation.campaign.campaign_file import Campaign
-from tiltcal.validation.campaign.fields import Document, with_fields
+from tiltcal.validation.campaign.factors import Document, with_fields
 
 MIDDLE = 0.5
 RUN_BYTES = 200  # of memory for what is known of a run: its key

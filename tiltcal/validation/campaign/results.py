@@ -19,7 +19,7 @@ from tiltcal.core.read_back import read_json
 from tiltcal.core.tasks.journal import Journal
 from tiltcal.validation.campaign.campaign_file import Campaign, hash_of
 from tiltcal.validation.campaign.campaign_runs import PointRun, Recorded, recorded_of, runs_of
-from tiltcal.validation.campaign.folder import Place
+from tiltcal.validation.campaign.folder import CampaignFiles
 from tiltcal.validation.run_files import names_of, record_of, schema_of
 
 AT_ONCE = 10_000  # rows that are written together
@@ -68,7 +68,7 @@ def provenance_of(campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def known_summary(campaign: Campaign, place: Place) -> dict[str, Any] | None:
+def known_summary(campaign: Campaign, place: CampaignFiles) -> dict[str, Any] | None:
     """The summary that was written of the same campaign by the same versions, beside its results
     and its report; None where one of them is missing.
     """

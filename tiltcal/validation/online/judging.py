@@ -1,26 +1,243 @@
 """Running an estimator over a recording sample by sample, and its tilt error by section of the
-motion.
+motion. A program may be the estimator: one line a sample on its standard input, one line a tilt
+on its standard output.
 """
 
 import os
+import select
+import subprocess
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import angle_between
+from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.laboratory import Laboratory, TruthfulLaboratory
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.laboratory.scenario_tables import EstimatorTable
+from tiltcal.laboratory.scenario_tables import AcceptOnline, EstimatorTable
 from tiltcal.recordings.recording import Recording
+from tiltcal.setup.setup import Setup
 from tiltcal.validation.online.estimators import Estimator, Sample, make_estimator
-from tiltcal.validation.online.online_result import OnlineResult, Section
-from tiltcal.validation.online.process import Process
+
+PATIENCE = 10.0  # s for one answer
+
+
+class Process:
+    """Feeds ``time_s,<readings of each sensor in SI, in the scenario's order>`` and reads
+    ``tilt_x,tilt_y``, rad.
+
+    Cells of a sensor that was not sampled are empty. The next sample is written only after the
+    answer to the last: a program cannot look ahead, and has to flush every line.
+
+    Args:
+        command: words of the program; no shell.
+        setup: whose sensors are fed.
+
+    Raises:
+        TiltcalError: it does not start, ends early, does not answer in time, or answers with
+            something else.
+    """
+
+    def __init__(self, command: Sequence[str], setup: Setup) -> None:
+        self.name, self.rest = command[0], b""
+        self.sensors = [(s.name, len(s.axes)) for s in setup.sensor]
+        try:
+            self.process = subprocess.Popen(
+                list(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
+            )
+        except OSError as error:
+            raise TiltcalError(
+                f"command {self.name}",
+                found=str(error),
+                need="a program that runs",
+                do="check the path",
+            ) from error
+
+    def update(self, sample: Mapping[str, Any]) -> tuple[float, float]:
+        """Tilt of x and y, rad."""
+        cells = [repr(float(sample["time_s"]))]
+        for name, axes in self.sensors:
+            cells += [repr(float(v)) for v in sample[name]] if name in sample else [""] * axes
+        pipe = self.process.stdin
+        try:
+            if pipe is not None:
+                pipe.write((",".join(cells) + "\n").encode())
+        except OSError:
+            raise self._broken("a program that has ended") from None
+        line = self._line()
+        try:
+            x, y = (float(cell) for cell in line.split(","))
+        except ValueError:
+            raise self._broken(f"the answer '{line[:60]}'") from None
+        return x, y
+
+    def _line(self) -> str:
+        """The next line of its output."""
+        assert self.process.stdout is not None
+        fd, end = self.process.stdout.fileno(), time.monotonic() + PATIENCE
+        while b"\n" not in self.rest:
+            ready, _, _ = select.select([fd], [], [], max(end - time.monotonic(), 0.0))
+            if not ready:
+                raise self._broken(f"no answer within {PATIENCE:g} s")
+            more = os.read(fd, 65536)
+            if not more:
+                raise self._broken("a program that has ended")
+            self.rest += more
+        line, _, self.rest = self.rest.partition(b"\n")
+        return line.decode(errors="replace").strip()
+
+    def _broken(self, found: str) -> TiltcalError:
+        self.close()
+        return TiltcalError(
+            f"command {self.name}",
+            found=found,
+            need="a line 'tilt_x,tilt_y' in rad for every sample",
+            do="flush standard output after each line",
+        )
+
+    def close(self) -> None:
+        """End the program."""
+        for pipe in (self.process.stdin, self.process.stdout):
+            if pipe is not None:
+                pipe.close()
+        try:
+            self.process.wait(timeout=1.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+@dataclass(frozen=True)
+class Section:
+    """A stretch of the motion: at rest, a move or a swing.
+
+    Args:
+        kind: rest, move or swing; start, end: s; rms, worst: tilt error over its answered samples,
+            rad.
+    """
+
+    kind: str
+    start: float
+    end: float
+    rms: float
+    worst: float
+
+    def to_json(self) -> dict[str, Any]:
+        """For machines."""
+        return {
+            "kind": self.kind,
+            "start_s": self.start,
+            "end_s": self.end,
+            "rms_arcsec": self.rms / ARCSEC,
+            "worst_arcsec": self.worst / ARCSEC,
+        }
+
+
+@dataclass(frozen=True)
+class OnlineResult:
+    """An estimator's tilt error.
+
+    Args:
+        time: s, (n,); error: angle between the true and the found up, rad, (n,), NaN where it gave
+            no answer.
+        sections: of the motion, in order; kinds: of each sample, (n,).
+        seconds: mean time a sample.
+    """
+
+    time: Array
+    error: Array
+    sections: tuple[Section, ...]
+    kinds: npt.NDArray[np.str_]
+    seconds: float
+
+    @property
+    def answered(self) -> float:
+        """Share of samples with an answer."""
+        return float(np.mean(~np.isnan(self.error)))
+
+    def rms(self, *kinds: str) -> float:
+        """Root mean square error, rad, over samples of some kinds; of all when none is named."""
+        chosen = self.error[np.isin(self.kinds, kinds)] if kinds else self.error
+        chosen = chosen[~np.isnan(chosen)]
+        return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else float("nan")
+
+    @property
+    def worst(self) -> float:
+        """Largest error, rad."""
+        return float(np.nanmax(self.error)) if self.answered else float("nan")
+
+    def settling(self, band: float) -> float:
+        """Longest time from the end of a move until the error stays within a band (rad) for the
+        rest of the dwell, s.
+        """
+        longest = 0.0
+        for before, s in zip(self.sections[:-1], self.sections[1:], strict=True):
+            if s.kind == "rest" and before.kind != "rest":
+                inside = (self.time >= s.start) & (self.time < s.end)
+                late = np.flatnonzero(~(self.error[inside] <= band))
+                if len(late):
+                    longest = max(longest, float(self.time[inside][late[-1]] - s.start))
+        return longest
+
+    def limits(self, accept: AcceptOnline) -> Iterator[tuple[str, float, str, bool]]:
+        """Name, reached, allowed and whether it holds, of each limit."""
+        yield (
+            "samples answered",
+            self.answered,
+            f">= {accept.answered:g}",
+            self.answered >= accept.answered,
+        )
+        reached = {
+            "tilt error, arcsec rms": (self.rms() / ARCSEC, accept.rms_arcsec),
+            "tilt error, arcsec worst": (self.worst / ARCSEC, accept.worst_arcsec),
+            "tilt error at rest, arcsec rms": (self.rms("rest") / ARCSEC, accept.rest_arcsec),
+            "tilt error in motion, arcsec rms": (
+                self.rms("move", "swing") / ARCSEC,
+                accept.moving_arcsec,
+            ),
+            f"settling to {accept.settled_arcsec:g} arcsec, s": (
+                self.settling(accept.settled_arcsec * ARCSEC),
+                accept.settling_s,
+            ),
+            "time a sample, us": (self.seconds * 1e6, accept.sample_us),
+        }
+        for name, (value, allowed) in reached.items():
+            if allowed is not None:
+                yield name, value, f"<= {allowed:g}", bool(value <= allowed)
+
+    @property
+    def statement(self) -> str:
+        """In words."""
+        parts = ", ".join(
+            f"{k} {self.rms(k) / ARCSEC:.4g}"
+            for k in ("rest", "move", "swing")
+            if np.any(self.kinds == k)
+        )
+        return (
+            f"tilt error {self.rms() / ARCSEC:.4g} arcsec rms ({parts}), {self.worst / ARCSEC:.4g}"
+            f" worst, over {len(self.time)} samples, {100 * self.answered:.4g} % answered;"
+            f" {self.seconds * 1e6:.3g} us a sample"
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """For machines."""
+        return {
+            "samples": len(self.time),
+            "answered": self.answered,
+            "rms_arcsec": self.rms() / ARCSEC,
+            "worst_arcsec": self.worst / ARCSEC,
+            "sample_us": self.seconds * 1e6,
+            "sections": [section.to_json() for section in self.sections],
+        }
+
 
 CHUNK = 4096  # samples made ready at a time
 KINDS = {"rest": "rest", "ramp": "move", "swing": "swing"}

@@ -1,0 +1,165 @@
+"""A user's own model in a scenario: ``[rig] mjcf``, its axes and the instrument's site, and which
+effects a model of fixed parts can hold: frames that stand elsewhere whatever the motion, and
+joints that give way.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.extensions import load
+from tiltcal.core.frames import rotation
+from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, WorldEffect, WritingEffect
+from tiltcal.effects.learned import Learned
+from tiltcal.effects.loads import LoadEffect
+from tiltcal.effects.mechanisms import Context, World
+from tiltcal.setup.chain import Chain, LinkFrame
+from tiltcal.setup.part import StrictTable
+from tiltcal.setup.setup import Setup
+from tiltcal.setup.trajectory import Drive, Jet
+
+GROUP = "tiltcal.models"
+Reader = Callable[["ModelWords", Path, Sequence[str]], tuple[Chain, Mapping[str, LinkFrame]]]
+
+
+class ModelAxis(StrictTable):
+    """A joint behind a column.
+
+    Args:
+        joint: its name in the model.
+        sign: -1 where the readout counts the other way.
+        offset_deg: angle of a joint that turns, where the readout says zero.
+        offset_mm: place of a joint that slides, where the readout says zero.
+    """
+
+    joint: str
+    sign: Literal[1, -1] = 1
+    offset_deg: float = 0.0
+    offset_mm: float = 0.0
+
+
+class ModelWords(StrictTable):
+    """A model and what of it is recorded.
+
+    Args:
+        mjcf: MJCF or URDF, in the scenario's folder.
+        axes: joint of each table axis, by the name in its column ``table_<axis>_<unit>``.
+        site: of the instrument: a site, or a body.
+    """
+
+    mjcf: str
+    axes: dict[str, ModelAxis] = Field(min_length=1)
+    site: str
+
+    @field_validator("axes", mode="before")
+    @classmethod
+    def _plain_names(cls, words: Any) -> Any:
+        if not isinstance(words, dict):
+            return words
+        return {k: {"joint": v} if isinstance(v, str) else v for k, v in words.items()}
+
+
+def with_links(table: dict[str, Any], words: ModelWords, folder: Path) -> dict[str, Any]:
+    """A scenario's table with the links of its model, and the places of its sensors, instead of the
+    words for them.
+
+    Raises:
+        TiltcalError: no simulator is installed, or the model cannot be read.
+    """
+    readers = [reader for _, reader in load(GROUP)]
+    if not readers:
+        raise TiltcalError(
+            f"model {words.mjcf}",
+            found="no simulator installed",
+            need="the package tiltsim",
+            do="install tiltcal with its simulator",
+        )
+    reader: Reader = readers[0]
+    sensors = [s for s in table.get("sensor", ()) if isinstance(s, dict)]
+    sites = [s["site"] for s in sensors if isinstance(s.get("site"), str)]
+    chain, places = reader(words, folder, sites)
+    rig = {k: v for k, v in table["rig"].items() if k not in ModelWords.model_fields}
+    rig |= {"model": words.mjcf, "site": words.site, **chain.model_dump(exclude_defaults=True)}
+    return {**table, "rig": rig, "sensor": [_placed(s, places) for s in table.get("sensor", ())]}
+
+
+def _placed(sensor: Any, places: Mapping[str, LinkFrame]) -> Any:
+    """A sensor's table with the place of the site that it names."""
+    if not isinstance(sensor, dict) or not isinstance(sensor.get("site"), str):
+        return sensor
+    others = {k: v for k, v in sensor.items() if k != "site"}
+    return {**others, "place": places[sensor["site"]].model_dump()}
+
+
+PROBED = np.array([0.0, 0.7, 2.0, 3.6, 5.3])  # s, rad and K: what is fixed is alike at all of them
+
+
+def why_not(effect: Effect, setup: Setup) -> str | None:
+    """Why a model with fixed parameters, moved by the readout, cannot hold an effect; None where it
+    can.
+    """
+    if effect.random:
+        return "random"
+    if isinstance(effect, Learned):
+        return "a curve, no formula"
+    if isinstance(effect, LoadEffect):
+        return "a mass, which sysid has parameters of its own for"
+    if isinstance(effect, WritingEffect):
+        return "a fault of the file"
+    if isinstance(effect, WorldEffect) and effect.world(World.of(setup)).shakes:
+        return "a vibration"
+    if isinstance(effect, FrameEffect) and not effect.compliances(setup.rig):
+        slots = setup.rig.kind.slots
+        if any(_constant_turns(effect, setup, slot) is None for slot in slots):
+            return "turns a frame with the motion"
+    return None
+
+
+def fixed_error(effect: AngleEffect, setup: Setup, axis: str) -> float | None:
+    """True angle of an axis minus its readout, rad, where it is the same at all angles; None where
+    it varies.
+    """
+    if not effect.acts_on(axis, setup.rig):
+        return 0.0
+    return None if effect.random else _value(effect.deviation(_probe(setup).drive, axis, None))
+
+
+def fixed_turn(setup: Setup, effects: Sequence[Effect], slot: str) -> Array:
+    """Product of the turns at a slot that do not depend on the motion, in its frame, (3, 3)."""
+    R = np.eye(3)
+    for effect in effects:
+        if isinstance(effect, FrameEffect) and not effect.compliances(setup.rig):
+            for axis, angle in _constant_turns(effect, setup, slot) or ():
+                R = R @ rotation(axis, angle)
+    return R
+
+
+def _constant_turns(effect: FrameEffect, setup: Setup, slot: str) -> list[tuple[str, float]] | None:
+    """(axis, rad) of each turn at a slot; None where one of them varies."""
+    if effect.mechanised or effect.random:
+        return None
+    turns = effect.turns(slot, _probe(setup))
+    angles = [_value(turn.angle) for turn in turns]
+    if any(angle is None for angle in angles):
+        return None
+    return [(t.axis, a) for t, a in zip(turns, angles, strict=True) if a is not None]
+
+
+def _value(jet: Jet) -> float | None:
+    """A jet's value where it never changes; None where it does."""
+    steady = np.ptp(jet.x) == 0 and not np.any(jet.v) and not np.any(jet.a)
+    return float(np.mean(jet.x)) if steady else None
+
+
+def _probe(setup: Setup) -> Context:
+    """A motion on which everything that varies differs from row to row."""
+    n = len(PROBED)
+    moving = Jet(PROBED, np.ones(n), np.ones(n))
+    axes = dict.fromkeys(setup.rig.axis_names, moving)
+    drive = Drive(PROBED, axes, 0.0, PROBED, 0.0, np.full(n, -1, np.intp))
+    return Context.along(drive, axes, setup.rig, setup.site.gravity)

@@ -2,6 +2,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 WORKERS ?= 2
+# files of others that some tests read: tests/outside_files.py
+TILTCAL_TEST_FILES ?= $(abspath $(wildcard ../shared))
+export TILTCAL_TEST_FILES
 # of linear algebra, in each process
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 

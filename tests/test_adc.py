@@ -41,7 +41,7 @@ def test_the_code_is_that_of_the_paper_with_and_without_the_amplifier():
 
 @pytest.mark.parametrize("frequency", [1.0, 10.0, 50.0, 100.0])
 def test_low_pass_and_sinc3_have_their_textbook_response(frequency):
-    """PHYSICS 0.10: at 250 Hz the sinc3 passes 50 Hz at -1.7 dB."""
+    """docs/physics.md, "Electronics": at 250 Hz the sinc3 passes 50 Hz at -1.7 dB."""
     lowpass = 1 / np.sqrt(1 + (frequency / AD7705.lowpass_hz) ** 2)
     sinc3 = abs(np.sinc(frequency / AD7705.output_hz)) ** 3
     assert np.abs(gain_at(frequency)) == pytest.approx(lowpass * sinc3, rel=0.004)

@@ -8,10 +8,10 @@ import sys
 import types
 import xml.etree.ElementTree as ET
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from outside_files import SCHEMAS, reason_without
 
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import Calibration, load_calibration
@@ -29,7 +29,6 @@ from tiltcal.report.dcc import dcc_text, si_unit
 from tiltcal.report.pose_residuals import PoseRow, pose_rows
 from tiltcal.report.stated import Stated
 
-SCHEMAS = Path(__file__).resolve().parents[2] / "shared" / "dcc"
 SIGNATURE = """\
 <xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema"
  targetNamespace="http://www.w3.org/2000/09/xmldsig#"><xs:element name="Signature"/></xs:schema>
@@ -73,8 +72,8 @@ def plain(good):
 @pytest.fixture(scope="module")
 def schema(tmp_path_factory):
     """The schema of PTB, with a local stand-in for that of XML signatures."""
-    if not (SCHEMAS / "dcc-3.2.1.xsd").exists():
-        pytest.skip("the schemas of PTB are not beside this checkout")
+    if (reason := reason_without(SCHEMAS / "dcc-3.2.1.xsd")) is not None:
+        pytest.skip(reason)
     import xmlschema
 
     signature = tmp_path_factory.mktemp("schema") / "signature.xsd"

@@ -5,9 +5,9 @@ import json
 import threading
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 
 import pytest
+from outside_files import RECORDINGS, needs
 from scenario_files import refusal
 
 from tiltcal.cli import main
@@ -18,7 +18,6 @@ from tiltcal.recordings import datasets as room
 from tiltcal.recordings.datasets import Dataset, PublishedFile, datasets, fetch, find_dataset
 from tiltcal.recordings.mapping import load_mapping
 
-FOLDER = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 TEXT = b"".join(b"%d,%d,9.8\n" % (k % 3, k % 5) for k in range(200))
 
 
@@ -144,10 +143,9 @@ def test_each_has_a_mapping_and_a_scenario(name):
     assert {s.name for s in scenario.sensor} <= sensors
 
 
+@needs(RECORDINGS)
 @pytest.mark.parametrize("name", datasets())
 def test_the_digests_are_those_of_the_published_files(name, tmp_path):
-    if not FOLDER.is_dir():
-        pytest.skip(f"the published recordings are not in {FOLDER}")
-    paths = fetch(datasets()[name], tmp_path, str(FOLDER / name))
+    paths = fetch(datasets()[name], tmp_path, str(RECORDINGS / name))
     sizes = {f.name: f.bytes for f in datasets()[name].file}
     assert {p.name: p.stat().st_size for p in paths} == sizes

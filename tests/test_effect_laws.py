@@ -1,6 +1,5 @@
 """Laws that every effect of the catalogue obeys, whatever its physics."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from catalogue_cases import (
     sensors_for,
 )
 
-from tiltcal.core.units import PARAMETER_UNITS, split_unit
+from tiltcal.core.units import PARAMETER_UNITS
 from tiltcal.effects import CATALOGUE, make_effect, to_file
 from tiltcal.effects.base import DelayEffect, SignalEffect, WritingEffect
 from tiltcal.effects.data.faults import DataOutlier
@@ -23,18 +22,8 @@ from tiltcal.effects.electronics.converter import AdcQuantisation
 from tiltcal.effects.parameter import STAGES
 from tiltcal.setup.tables import BUILT_IN
 
-EFFECTS_TXT = Path(__file__).parents[1].parent / "shared" / "effects.txt"
+FROZEN = Path(__file__).with_name("effect_parameters.txt")
 IDS = tuple(CATALOGUE)
-BESIDE = {  # the contract's list
-    "readout_average",
-    "readout_rate",
-    "joint_axis_tilt",
-    "joint_compliance",
-    "link_compliance",
-    "base_load_compliance",
-    "link_tilt",
-    "payload",
-}
 RANDOM = tuple(id for id, cls in CATALOGUE.items() if cls.random)
 # chance draws nothing
 ROUNDING = tuple(id for id, cls in CATALOGUE.items() if issubclass(cls, AdcQuantisation))
@@ -70,79 +59,29 @@ def test_an_effect_of_no_size_changes_no_reading(id, table, monkeypatch):
 # and words
 
 
-def listed() -> dict[str, tuple[str, str]]:
-    """id -> (stage, parameter words) of effects.txt."""
-    lines = [
-        line
-        for line in EFFECTS_TXT.read_text().splitlines()
-        if "|" in line and not line.startswith("#")
-    ]
+def frozen() -> dict[str, tuple[str, set[str], set[str]]]:
+    """id -> stage, parameters, parameters that were added later, of effect_parameters.txt."""
+    lines = FROZEN.read_text(encoding="utf-8").splitlines()
+    cells = [line.split("|") for line in lines if not line.startswith("#")]
     return {
-        cells[0]: (cells[1], cells[3])
-        for line in lines
-        if (cells := [c.strip() for c in line.split("|")])
+        id.strip(): (stage.strip(), set(parameters.split()), set(added.split()))
+        for id, stage, parameters, added in cells
     }
 
 
-def promised(text: str) -> set[str]:
-    """Parameter names in the words of effects.txt, with <axis> still in them."""
-    common = re.search(r"all (_\w+)", text)
-    text = re.sub(r"(\w+)_x_(\w+) \1_y_\.\.\. \1_z_\.\.\.", r"\1_x_\2 \1_y_\2 \1_z_\2", text)
-    text = (
-        text.partition(", or ")[2] or text.partition("(")[0]
-        if "<axis><direction>" in text
-        else text
-    )
-    names = re.findall(r"[A-Za-z0-9_<>]+", re.sub(r"\([^)]*\)", "", text))
-    if common:
-        return {name + common.group(1) for name in names if re.fullmatch(r"[mp]\d[cs]", name)}
-    return {name for name in names if name == "samples" or split_unit(name, PARAMETER_UNITS)[1]}
+def test_ids_are_added_to_the_frozen_list_and_none_is_renamed_or_removed():
+    assert set(frozen()) == set(IDS)
 
 
-# <axis>_zero_arcsec of the list
-EACH_AXIS = {
-    "outer_zero_arcsec",
-    "middle_zero_arcsec",
-    "inner_zero_arcsec",
-    "head_zero_arcsec",
-    "inner_head_arcsec",  # <axis>_<next axis>_arcsec
-}
-needs_list = pytest.mark.skipif(
-    not EFFECTS_TXT.exists(), reason="the list of effects lies beside the checkout, not here"
-)
-
-
-@needs_list
-def test_effects_beside_the_contracts_list_are_those_of_readouts_and_models():
-    assert set(IDS) - set(listed()) == BESIDE
-
-
-@needs_list
-@pytest.mark.parametrize("id", [id for id in IDS if id not in BESIDE])
-def test_an_effect_stands_in_the_contracts_list_under_its_stage(id):
-    assert listed()[id][0] == CATALOGUE[id].stage
-
-
-@needs_list
-@pytest.mark.parametrize("id", [id for id in IDS if id not in BESIDE])
-def test_parameters_are_named_as_the_contract_names_them(id):
+@pytest.mark.parametrize("id", IDS)
+def test_stage_and_parameters_are_those_of_the_frozen_list(id):
     cls = CATALOGUE[id]
-    template = {"axis": "<axis>", "matrix": "<axis><direction>", "pair": "<axis><direction>"}
+    stage, parameters, added = frozen()[id]
     known = [p for p in cls.parameters if not p.tables or p.tables & set(BUILT_IN)]
-    mine = {p.name.format(**template) + p.suffix for p in known}
-    mine |= {re.sub(r"^(outer|middle|inner|head)_(?=zero)", "<axis>_", name) for name in mine}
-    mine = {re.sub(r"_[xyz]_", "_<axis>_", name) if cls.kinds else name for name in mine}
-    theirs = {
-        re.sub(r"_a_(?=deg)|_[xyz]_" if cls.kinds else r"_a_(?=deg)", "_<axis>_", n)
-        for n in promised(listed()[id][1])
-    }
-    assert theirs <= mine
-    if theirs:  # anything further only shapes the effect, and left out it is as listed
-        assert all(
-            p.is_shape
-            for p in known
-            if p.name.format(**template) + p.suffix in mine - theirs - EACH_AXIS
-        )
+    assert cls.stage == stage
+    assert {p.name + p.suffix for p in known} == parameters | added
+    # left out, the effect is as it was before
+    assert all(p.is_shape for p in known if p.name + p.suffix in added)
 
 
 @pytest.mark.parametrize("id", IDS)

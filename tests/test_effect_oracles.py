@@ -1,5 +1,5 @@
 """Equations of the catalogue worked by hand: what a size of each effect adds to a reading
-(effects.txt, PHYSICS 1.1).
+(docs/physics.md).
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Sign conventions against oracles worked by hand (CONTRACT section 2)."""
+"""Sign conventions against oracles worked by hand (docs/interfaces.md, "Frames and signs")."""
 
 from math import cos, radians, sin, sqrt
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from outside_files import RECORDINGS, needs
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 from statistics_helpers import draws_of, rng_of
-from test_real_recordings import FOLDER
 
 from tiltcal.calibration.correction import corrected_columns
 from tiltcal.calibration.methods import gyro_turns
@@ -254,14 +254,14 @@ def test_wrong_terms_and_too_few_turns_are_refused_in_words():
         calibrate("gyro_turns", few, SCENARIO, segments=dwells[:5])
 
 
-@pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the real recordings are not at {FOLDER.name}")
+@needs(RECORDINGS)
 def test_on_a_real_log_cross_axis_terms_and_then_g_sensitivity_lower_the_held_out_error(
     monkeypatch,
 ):
     monkeypatch.setattr(gyro_turns, "FOLDS", 4)  # each leaves more out, and there are fewer
     here = folder("models").parent / "scenarios" / "real"
     recording = import_recording(
-        FOLDER / "xsens_mti" / "xsens_acc.mat", load_mapping(here / "xsens_gyro_map.toml")
+        RECORDINGS / "xsens_mti" / "xsens_acc.mat", load_mapping(here / "xsens_gyro_map.toml")
     )
     setup = load_scenario(here / "xsens_gyro.toml")
     terms = (

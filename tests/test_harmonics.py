@@ -1,11 +1,10 @@
-"""The harmonic dictionary of PHYSICS 1.2: a horizontal axis turned once, a reading every degree.
+"""The harmonic dictionary of docs/physics.md, "Harmonics": a horizontal axis turned once, a reading
+every degree.
 
-The numbers are from an independent program (physics-checks/harmonics.out): ``s1 -1.00`` is
--sin(outer), a channel's
-change in units of the effect's own size (in g, or rad times g). x reads -sin, z cos. Where the
-contract counts the
-readout's error (readout = true + error) and that program the angle's, the sign below is turned
-round.
+The numbers are from an independent program: ``s1 -1.00`` is -sin(outer), a channel's change in
+units of the effect's own size (in g, or rad times g). x reads -sin, z cos. Where the product counts
+the readout's error (readout = true + error) and that program the angle's, the sign below is
+inverted.
 """
 
 import re
@@ -54,7 +53,7 @@ ONE_WAY = {
     "table_axis_wobble m2s_arcsec": "x[-] y[c2 +1.00] z[-] |f|[-]",
     "table_axis_wobble m2c_arcsec": "x[-] y[s2 -1.00] z[-] |f|[-]",
 }
-ASYMMETRY = {  # the program's unit is the whole coefficient, the contract's reading += a/2 |f|
+ASYMMETRY = {  # the program's unit is the whole coefficient, the product's reading += a/2 |f|
     "acc_scale_asym scale_asym_x_ppm": (
         "x[DC +0.64 c2 -0.42 c4 -0.08] y[-] z[-] |f|[s1 -0.85 s3 +0.17]"
     ),

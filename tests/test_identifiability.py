@@ -1,5 +1,5 @@
-"""Who is confused with whom: the eight recordings and 57 columns of PHYSICS section 4, with the
-product's effects.
+"""Who is confused with whom: the eight recordings and 57 columns of docs/physics.md,
+"What is confused with what".
 """
 
 import numpy as np

@@ -71,8 +71,8 @@ def test_mujoco_and_the_closed_form_agree_in_motion_with_a_lever_arm(table, rng)
 
 @pytest.mark.parametrize("table", AXLED)
 def test_earths_rotation_as_a_root_hinge_gives_the_products_correction(table, rng):
-    """PHYSICS 5, recipe B: the laboratory itself turns on a hinge along the Earth's axis, read by
-    mj_inverse.
+    """docs/physics.md, "Conventions": the laboratory itself turns on a hinge along the Earth's
+    axis, read by mj_inverse.
     """
     heading = 25.0
     setup = setup_of(table, heading=heading, lever_arm_m=LEVER)

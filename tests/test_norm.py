@@ -114,8 +114,8 @@ def test_six_positions_cannot_tell_about_their_own_model():
     found = calibrate("norm", log(up=FACES, rng=rng), SETUP, terms=6)
     assert found.verdict == "cannot_tell"
     assert found.dof == 0
-    # PHYSICS 6 (2): a shear of 1 mrad left out gives a zero residual and wrong parameters all the
-    # same
+    # docs/physics.md, "Unknown attitudes": a shear of 1 mrad left out gives a zero residual,
+    # and wrong parameters all the same
     sheared = np.eye(3)
     sheared[0, 1] = 1e-3
     wrong = calibrate("norm", log(up=sphere(6), bias=0 * BIAS, M=sheared), SETUP, terms=6)

@@ -363,7 +363,8 @@ def _bound(segments, sweep, angles) -> np.ndarray:
 
 
 def test_the_bound_of_a_smooth_fit_is_the_share_of_its_terms():
-    # PHYSICS 6 (0): p terms against n entries have p/n of the variance of an entry
+    # docs/physics.md, "Placing-angle tables": p terms against n entries have p/n of the
+    # variance of an entry
     b = UP * DEG
     B = np.column_stack([np.ones_like(b), np.cos(b), np.sin(b), np.cos(2 * b), np.sin(2 * b)])
     hat = B @ np.linalg.inv(B.T @ B) @ B.T

@@ -6,11 +6,11 @@ import contextlib
 import json
 import tomllib
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 import pytest
 from foreign_logs import VARIANTS, Log, score
+from outside_files import RECORDINGS, reason_without
 
 from tiltcal.api.simulating import simulator
 from tiltcal.cli import main
@@ -23,7 +23,6 @@ from tiltcal.recordings.mapping import load_mapping, parse_mapping
 from tiltcal.recordings.proposal.propose import propose_mapping
 from tiltcal.recordings.saving import write_recording
 
-FOLDER = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 MOST_UNKNOWN = 0.15  # share of "cannot know" among all that is proposed
 
 
@@ -77,9 +76,9 @@ REAL = {
 
 @pytest.mark.parametrize("file", REAL)
 def test_a_published_recording_is_proposed_as_its_owner_describes_it(file):
-    path = FOLDER / file
-    if not path.exists():
-        pytest.skip(f"the published recordings are not in {FOLDER}")
+    path = RECORDINGS / file
+    if (reason := reason_without(path)) is not None:
+        pytest.skip(reason)
     time, columns, doubts = REAL[file]
     text = propose_mapping(path).toml()
     found = tomllib.loads(text)

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_real_recordings import FOLDER, LOGS, MILLI_G, WORDS, imported
+from outside_files import RECORDINGS, needs
+from test_real_recordings import LOGS, MILLI_G, WORDS, imported
 
 from tiltcal.cli import main
 from tiltcal.core.units import DEG
@@ -17,7 +18,7 @@ from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.static_poses import group_directions
 
 pytestmark = [
-    pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the published recordings are not in {FOLDER}"),
+    needs(RECORDINGS),
 ]
 HOUR = DEG / 3600  # rad/s
 CROSS_AXIS = {"acc_cross_axis", "gyr_misalignment"}

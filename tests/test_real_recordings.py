@@ -6,13 +6,13 @@ import json
 from pathlib import Path
 
 import pytest
+from outside_files import RECORDINGS, needs
 
 from tiltcal.cli import main
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import dwells, find_segments
 
-FOLDER = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 WORDS = Path(__file__).parents[1] / "scenarios" / "real"
 MILLI_G = 9.80665e-3
 # file, mapping and scenario, least dwells, held-out residual of a careful fit in mg with 9
@@ -23,9 +23,7 @@ LOGS = {
     "mpu1": ("mpu9150/imu1.log", "mpu9150", 19, 0.32),
 }
 
-pytestmark = pytest.mark.skipif(
-    not FOLDER.is_dir(), reason=f"the published recordings are not in {FOLDER}"
-)
+pytestmark = needs(RECORDINGS)
 
 
 def imported(file, words, out):
@@ -33,7 +31,7 @@ def imported(file, words, out):
         main(
             [
                 "import",
-                str(FOLDER / file),
+                str(RECORDINGS / file),
                 "--map",
                 str(WORDS / f"{words}_map.toml"),
                 "-o",

@@ -77,8 +77,8 @@ def test_a_constant_signal_is_its_own_location():
 
 
 def test_the_median_of_codes_is_a_trap_and_the_mean_of_inliers_the_remedy():
-    """PHYSICS 0.9: code 30.5 ug, noise 50 ug, a half difference of two dwells: median 1.47 arcsec,
-    mean 0.52.
+    """docs/two_position.md, "Which estimator": LSB 30.5 ug, noise 50 ug, a half difference of two
+    dwells: median 1.47 arcsec, mean 0.52.
     """
     rng, draws, code = rng_of("the trap"), 3000, 30.5e-6 * G0
     rms = dict.fromkeys(("median", "inliers", "mean"), 0.0)
@@ -92,7 +92,7 @@ def test_the_median_of_codes_is_a_trap_and_the_mean_of_inliers_the_remedy():
     assert rms["mean"] == pytest.approx(
         np.hypot(50, 30.5 / np.sqrt(12)) * 1e-6 / np.sqrt(2 * N) / ARCSEC, rel=band
     )
-    # 400 trials there
+    # of 400 trials by another program
     assert rms["median"] == pytest.approx(1.47, rel=3.3 * np.sqrt(1 / (4 * draws) + 1 / 800))
     assert rms["inliers"] < 1.03 * rms["mean"]
 

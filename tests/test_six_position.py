@@ -155,7 +155,7 @@ def test_a_second_order_term_does_not_close_the_spare_equations():
     found = calibrate("six_position", log, SETUP)
     assert found.verdict == "suspect"
     assert not next(t for t in found.tests if t.name == "second order").passed
-    # PHYSICS 6 (1): the bias takes K2 g^2 / 3
+    # docs/physics.md, "Six positions": the bias takes K2 g^2 / 3
     assert found.value("accel.bias_x") - BIAS[0] == pytest.approx(
         K2 * G**2 / 3, abs=6 * SIGMA / np.sqrt(6 * 35)
     )

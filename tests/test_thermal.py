@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from builders import ACCEL, GYRO, G, setup_of
 from host import STRICT, compiler
+from outside_files import RECORDINGS, needs
 from statistics_helpers import rng_of
 
 from tiltcal.calibration.correction import correct_pieces, corrected_columns
@@ -23,7 +24,7 @@ from tiltcal.recordings.recording import Recording
 SENSOR = ACCEL.model_copy(update={"rate_hz": 1.0})
 SETUP = setup_of("handheld", SENSOR)
 HOURS = 3600.0
-REAL = Path(__file__).parents[2] / "shared" / "recordings" / "thermal_cycle" / "imu_raw_data.csv"
+REAL = RECORDINGS / "thermal_cycle" / "imu_raw_data.csv"
 WORDS = Path(__file__).parents[1] / "scenarios" / "real"
 FACES = {"+x": 0, "-x": 0, "+y": 1, "-y": 1, "+z": 2, "-z": 2}
 
@@ -222,7 +223,7 @@ def test_the_c_header_corrects_as_correct_does(tmp_path, flags, within, made_of)
     assert np.abs(got - stated).max() < within
 
 
-@pytest.mark.skipif(not REAL.exists(), reason="the shared recordings are not beside the project")
+@needs(REAL)
 def test_the_real_cycle_leaves_no_more_than_a_careful_fit_with_a_rate_term(tmp_path):
     run, cal = str(tmp_path / "run.csv"), tmp_path / "CAL.json"
     assert main(["import", str(REAL), "--map", str(WORDS / "thermal_map.toml"), "-o", run]) == 0

@@ -138,7 +138,7 @@ def test_all_reversals_together_reach_the_bound_and_their_intervals_cover():
 
 
 def test_the_median_reaches_what_physics_allows():
-    """PHYSICS 6 (4): bound 0.516 arcsec; a median is sqrt(pi/2) worse."""
+    """docs/physics.md, "Reversal": bound 0.516 arcsec; a median is sqrt(pi/2) worse."""
     bound = SIGMA / (G * np.sqrt(2 * SAMPLES))
     assert bound / ARCSEC == pytest.approx(0.516, abs=0.001)
     draws = draws_of(4000)
@@ -149,8 +149,8 @@ def test_the_median_reaches_what_physics_allows():
 
 
 def test_a_median_of_codes_defeats_the_dither():
-    """PHYSICS 0.9: 16 bit over +-1 g, 50 ug noise: mean 0.52 arcsec, median 1.47 arcsec (400 trials
-    there).
+    """docs/two_position.md, "Which estimator": 16 bit over +-1 g, 50 ug noise: mean 0.52 arcsec,
+    median 1.47 arcsec (400 trials by another program).
     """
     code = 30.5e-6 * G0
     draws = draws_of(2000)

@@ -6,6 +6,7 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
+from markdown.extensions.toc import slugify
 
 from tiltcal.design.identifiability import reference_scenario
 from tiltcal.effects import CATALOGUE, Effect, make_effect
@@ -15,6 +16,7 @@ from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario
 
 SEED = 1
+CHAPTER = "Physics: "
 SHOWN = 7  # channels of a picture, at most
 
 
@@ -117,9 +119,15 @@ def _page(stage: str) -> Iterator[str]:
             yield from _section(id, cls)
 
 
+def linked(source: str) -> str:
+    """An effect's source with its chapter of the physics page as a link."""
+    text, found, chapter = source.rpartition(CHAPTER)
+    return f"{text}[{found}{chapter}](physics.md#{slugify(chapter, '-')})" if found else source
+
+
 def _section(id: str, cls: type[Effect]) -> Iterator[str]:
     yield f"## {id}\n\n{cls.title}. {cls.physics}\n\n`{cls.equation}`\n"
-    yield f"Excited by {cls.excited_by}. Look: {cls.look}. Source: {cls.source}.\n"
+    yield f"Excited by {cls.excited_by}. Look: {cls.look}. Source: {linked(cls.source)}.\n"
     yield f"![residual of {id}](pictures/{id}.png){{ loading=lazy }}\n"
     yield "| largest plausible size | precision laboratory | mid MEMS | consumer |"
     yield "|---|---|---|---|"

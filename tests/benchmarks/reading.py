@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from tests.benchmarks import children_s, sized
+from tests.outside_files import RECORDINGS, reason_without
 
 ROOT = Path(__file__).resolve().parents[2]
-LOG = ROOT.parent / "shared" / "recordings" / "xsens_mti" / "xsens_acc.mat"
+LOG = RECORDINGS / "xsens_mti" / "xsens_acc.mat"
 
 
 def main() -> None:
@@ -23,8 +24,8 @@ def main() -> None:
         subprocess.run([sys.executable, "-m", "tiltcal", "--help"], capture_output=True, check=True)
         start.append(children_s() - begin)
     print(f"tiltcal --help: {1e3 * np.median(start):.0f} ms (limit 300)")
-    if not LOG.exists():
-        print(f"real log: {LOG.name} is not here; left out")
+    if (reason := reason_without(LOG)) is not None:
+        print(f"real log left out: {reason}")
         return
     from tiltcal.calibration.methods.registry import calibrate
     from tiltcal.laboratory.scenario import load_scenario

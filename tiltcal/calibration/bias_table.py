@@ -144,7 +144,7 @@ def _wave(sensor: str, axis: str, values: Mapping[str, float]) -> tuple[float, .
 class PlacingCorrector:
     """The on-line corrector of a two-axis level: constant memory, constant time a sample.
 
-    Contract's frame: ``beta_x = atan2(f_y, f_z)``, ``beta_y = atan2(-f_x, f_z)``; without a z
+    ``beta_x = atan2(f_y, f_z)``, ``beta_y = atan2(-f_x, f_z)``; without a z
     channel ``f_z = sqrt(g^2 - f_x^2 - f_y^2)``, so that an instrument upside down cannot be told
     from an upright one. The angles come from the raw readings first (as in the patent), then once
     more from the corrected ones.
@@ -157,7 +157,7 @@ class PlacingCorrector:
     Raises:
         TiltcalError: the look-up is unknown, or smooth without a fit.
 
-    Source: seed S0; PHYSICS 6 (0).
+    Source: patent CN 109459585 (docs/sources.md, "Placing-angle bias table").
     """
 
     def __init__(

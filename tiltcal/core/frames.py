@@ -136,7 +136,8 @@ def base_tilt(horizontal: Array, g: float) -> tuple[float, float]:
     """Roll and pitch (rad) of a rotation axis from the horizontal force (h_x, h_y) seen in the
     base's frame.
 
-    ``roll = asin(h_y / g)``, ``pitch = -asin(h_x / (g cos roll))`` (CONTRACT: frames).
+    ``roll = asin(h_y / g)``, ``pitch = -asin(h_x / (g cos roll))`` (docs/interfaces.md, "Frames and
+    signs").
 
     Raises:
         TiltcalError: the force is larger than gravity allows.

@@ -32,7 +32,7 @@ COLUMN_UNITS: dict[str, Unit] = {
     **_table("length", m=1.0, mm=1e-3, um=1e-6),
     **_table("raw", V=1.0, mV=1e-3, mA=1e-3, LSB=1.0),
 }
-"""Units a column of a recording may end in (CONTRACT: recording)."""
+"""Units a column of a recording may end in (docs/interfaces.md, "Recordings")."""
 
 
 def _parameter_units() -> dict[str, Unit]:

@@ -3,7 +3,8 @@ tie-breakers.
 
 lambda: energy of an effect's signature over noise at its plausible size, after the adjustable terms
 are re-fitted; separated lambda: the energy left after one rival is re-tuned too. Two effects that
-leave less than SEPARABLE of each other are in one class (CONTRACT: class).
+leave less than SEPARABLE of each other are in one class
+(docs/physics.md, "What is confused with what").
 """
 
 from collections.abc import Sequence

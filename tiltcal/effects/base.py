@@ -246,8 +246,8 @@ class DelayEffect(Effect):
 
 
 class SignalEffect(Effect):
-    """What does the reading become? ``order`` sorts the effects inside the chain (CONTRACT: order
-    of the chain).
+    """What does the reading become? ``order`` sorts the effects inside the chain
+    (docs/interfaces.md, "Order of the chain").
 
     ``straight`` is the share of a plausible size up to which the change of the reading is in
     proportion to it.

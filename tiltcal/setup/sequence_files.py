@@ -1,4 +1,6 @@
-"""A sequence as a CSV file for a laboratory, one step a row (CONTRACT section 5)."""
+"""A sequence as a CSV file for a laboratory, one step a row (docs/interfaces.md,
+"Sequence files").
+"""
 
 import csv
 from collections.abc import Mapping, Sequence

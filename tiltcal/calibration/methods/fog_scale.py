@@ -73,7 +73,8 @@ def fog_scale(
         Faster turns are better until a sensor saturates: var S_i = N^2/(u_i^2 w A) + s_c^2
             (A/w)^2/(u_i A)^2 for angle A.
 
-    Source: seed S3 (patent, composite instrument); PHYSICS 6 (3); Rauch, Tung and Striebel (1965).
+    Source: docs/sources.md, "Gyro triad in the field"; docs/physics.md, "Gyro triad against one
+    FOG"; Rauch, Tung and Striebel (1965).
     """
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
     if len(joins_of(recording)):

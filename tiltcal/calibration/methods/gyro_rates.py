@@ -75,7 +75,7 @@ def gyro_rates(
         The rate of the table's readout enters scale 1:1; an unknown heading leaves up to 15 deg/h
             in bias and cross-axis terms; a fixed mounting rotation is antisymmetric cross-axis.
 
-    Source: IEEE 1431, 952 (rate tables); PHYSICS 1.1, 3.5.
+    Source: IEEE 1431, 952 (rate tables); docs/physics.md, "Gyro triads by gravity and by a table".
     """
     if isinstance(terms, str) or "bias" not in terms:
         raise TiltcalError(

@@ -76,7 +76,7 @@ def gyro_turns(
             axis while it is horizontal. The accelerometer is calibrated by its norm first; its
             readings during the turns enter through G.
 
-    Source: PHYSICS 3.5; the comparison figures of the recordings' README.
+    Source: docs/physics.md, "Gyro triads by gravity and by a table".
     """
     _require_terms(terms)
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)

@@ -63,8 +63,8 @@ def norm(
         Six poses and six parameters leave no residual: a wrong model cannot be detected. The
             mounting has no effect on |f|.
 
-    Source: seed S2 (10.3969/j.issn1672-9730.2014.01.018); Won and Golnaraghi, IEEE TIM 59(8) 2010;
-    PHYSICS 6 (2).
+    Source: doi 10.3969/j.issn1672-9730.2014.01.018 (docs/sources.md, "Six arbitrary positions");
+    Won and Golnaraghi, IEEE TIM 59(8) 2010; docs/physics.md, "Unknown attitudes".
     """
     used = pick_sensor(setup, recording, ("accelerometer",), sensor, NAME)
     require_triad(used, NAME, "use six_position")

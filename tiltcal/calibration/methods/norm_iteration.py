@@ -53,7 +53,7 @@ def product_and_sum(
         All attitudes have the same weight, and there are no cross-axis terms; six attitudes leave
             no residual, whether the result is right or wrong.
 
-    Source: seed S2 (10.3969/j.issn1672-9730.2014.01.018).
+    Source: doi 10.3969/j.issn1672-9730.2014.01.018 (docs/sources.md, "Six arbitrary positions").
     """
     G = np.ones(3) if gain is None else np.array(gain, dtype=float)
     B = np.zeros(3) if bias is None else np.array(bias, dtype=float)

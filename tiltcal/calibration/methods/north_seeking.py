@@ -76,7 +76,8 @@ def north(
             Without tilt correction a tilt e along the FOG's axis changes the azimuth by
             tan(lat)/|sin psi| e; an angle of the FOG's axis out of the table's plane is bias.
 
-    Source: seed S4 (Transducer and Microsystem Technologies 2009 28(12) p. 86); PHYSICS 6 (4).
+    Source: Transducer and Microsystem Technologies 2009 28(12) p. 86 (docs/sources.md, "Dual-axis
+    tilt and north"); docs/physics.md, "North".
     """
     require_vertical(setup, NAME, "use a table that turns about Up")
     fog = pick_sensor(setup, recording, ("fog",), sensor, NAME)

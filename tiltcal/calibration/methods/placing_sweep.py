@@ -256,7 +256,7 @@ def solve_axis(
     axis as a reading): half the sum is b, half the difference e. The part of e that is odd in the
     table's angle stays in b.
 
-    Source: PHYSICS 6 (0).
+    Source: docs/physics.md, "Placing-angle tables".
     """
     solved = [s.solve(drift) for s in sweeps]
     forth = [t for s, t in zip(sweeps, solved, strict=True) if s.sign > 0]

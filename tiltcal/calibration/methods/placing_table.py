@@ -95,7 +95,8 @@ def placing_table(
             b' e. The table includes cross-axis terms as measured, at 1 g across the axis; at a tilt
             t of the axis itself they are smaller by 1 - cos t. Interpolation: step^2/8 max b''.
 
-    Source: seed S0 (patent on zero-bias correction by placing angle); PHYSICS 6 (0).
+    Source: patent CN 109459585 (docs/sources.md, "Placing-angle bias table"); docs/physics.md,
+    "Placing-angle tables".
     """
     one_of(drift, DRIFTS, f"method {NAME}, option drift")
     used = _require(recording, setup, sensor, lookup, harmonics)

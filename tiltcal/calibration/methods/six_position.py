@@ -64,7 +64,8 @@ def six_position(
             (fixture, mounting) is the antisymmetric part of the cross-axis matrix: the two cannot
             be distinguished. K3 is absorbed by the scale factor.
 
-    Source: seed S1 (CN patent on six-position cross-coupling calibration); PHYSICS 6 (1).
+    Source: patent CN 113295887 A (docs/sources.md, "Six-position calibration"); docs/physics.md,
+    "Six positions".
     """
     _require_names(terms)
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)

@@ -67,7 +67,8 @@ def two_position(
         A scale error S makes S x tilt; K2 cancels, K3 and odd INL do not; a linear drift d leaves d
             dt/2 (A-B-A cancels it); an index error e of the half turn is taken from the readout.
 
-    Source: seed S4 (Transducer and Microsystem Technologies 2009 28(12) p. 86); PHYSICS 6 (4).
+    Source: Transducer and Microsystem Technologies 2009 28(12) p. 86 (docs/sources.md, "Dual-axis
+    tilt and north"); docs/physics.md, "Reversal".
     """
     require_vertical(setup, NAME, "use six_position")
     one_of(estimator, ESTIMATORS, f"method {NAME}, option estimator")

@@ -1,5 +1,5 @@
 """What a diagnosis says: findings, verdict and figures, as the file ``diagnosis.json`` has them
-(CONTRACT section 6).
+(docs/interfaces.md, "diagnosis.json").
 
 One effect of the amended scenario that belongs to a finding.
 """
@@ -220,7 +220,7 @@ class Diagnosis(Tabular):
     """The answer.
 
     Args:
-        verdict: the first that applies (CONTRACT section 6).
+        verdict: the first that applies (docs/interfaces.md, "diagnosis.json").
         statement: in words.
         findings, notes, undetectable: see there.
         before, after: fit of the scenario as it is and of the amended one.

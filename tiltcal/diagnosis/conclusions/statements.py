@@ -100,7 +100,7 @@ LEARNED_WORD = {
 
 
 def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
-    """The coordinate that an effect follows, as the contract names it."""
+    """The coordinate that an effect follows, as ``diagnosis.json`` names it."""
     if isinstance(effect, Learned):
         if effect.coordinate.startswith("force"):
             return "tilt"

@@ -27,7 +27,7 @@ class DataOutlier(SignalEffect):
     equation = (
         "with probability p a channel's sample gains +- size sigma (of its sample-to-sample noise)"
     )
-    source = "PHYSICS 3.7"
+    source = "Huber 1964; Physics: Timing and data"
     excited_by = "any recording"
     look = "isolated values beyond 8 sigma"
     random = True
@@ -54,7 +54,7 @@ class DataDrop(SignalEffect):
     )
     physics = "A buffer overran: samples are missing and the following ones moved up."
     equation = "from time_s on, reading_k = reading_(k + samples)"
-    source = "effects list; PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "moves after the loss"
     look = "moves come early from an instant on"
     acts_from_an_instant = True
@@ -82,7 +82,7 @@ class DataDuplicate(SignalEffect):
     parameters = (Parameter("share", "unitless", (1e-3, 1e-2, 1e-1), positive=True),)
     physics = "A reader faster than the sensor reads the same value twice."
     equation = "with probability p the previous sample is repeated"
-    source = "effects list; PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "any recording"
     look = "exact repeats of all channels at once"
     random = True
@@ -123,7 +123,7 @@ class DataStuck(SignalEffect):
         "reading(t) = reading(start) for start <= t < start + length, on one axis where one is"
         " named"
     )
-    source = "effects list; PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "any recording"
     look = "a flat stretch without noise"
     leaves_nothing = True
@@ -164,7 +164,7 @@ class EmiSpike(DataOutlier):
     )
     physics = "Switching loads couple pulses into the cable."
     equation = "with probability p a channel's sample gains +- size sigma"
-    source = "PHYSICS 3.6"
+    source = "Physics: Electronics"
 
 
 class DataGap(SignalEffect):
@@ -181,7 +181,7 @@ class DataGap(SignalEffect):
     )
     physics = "The link was down: cells are empty, the stamps go on."
     equation = "no reading for start <= t < start + length"
-    source = "PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "any recording"
     look = "empty cells"
     leaves_nothing = True

@@ -34,7 +34,7 @@ class DataUnit(ColumnFault):
     parameters = (Parameter("factor", "unitless", (9.80665, 57.29578, 1000), positive=True),)
     physics = "The column says one unit and holds another."
     equation = "reading *= factor (0: none)"
-    source = "effects list; PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "any recording"
     look = "the norm at rest is off by a factor such as 9.80665 or 57.3"
 
@@ -52,7 +52,7 @@ class DataSign(ColumnFault):
     parameters = (Parameter("flip_{axis}", "unitless", (1, 1, 1), positive=True),)
     physics = "One axis is counted the other way."
     equation = "reading_i *= 1 - 2 flip_i, flip 0 or 1"
-    source = "PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "tilting or turning that axis"
     look = "a left-handed triad"
 
@@ -76,7 +76,7 @@ class DataAxisSwap(ColumnFault):
     )
     physics = "Two columns are exchanged."
     equation = "the two channels of a pair are exchanged where its swap is 1"
-    source = "PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "tilting"
     look = "each channel follows the other's attitude"
 
@@ -104,7 +104,7 @@ class DataHand(ColumnFault):
     parameters = (Parameter("mirror", "unitless", (1, 1, 1), positive=True),)
     physics = "The driver's y axis points the other way (a left-handed frame)."
     equation = "reading_y *= 1 - 2 mirror, mirror 0 or 1"
-    source = "PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "tilting about two axes"
     look = "no rotation maps the frame onto the table's: determinant -1"
 
@@ -124,7 +124,7 @@ class DataTruncation(WritingEffect):
     parameters = (Parameter("step", "deg", (0.001, 0.01, 0.1), positive=True),)
     physics = "The readout is cut to a few decimals when it is written."
     equation = "written = step floor(readout / step)"
-    source = "effects list; PHYSICS 3.7"
+    source = "Widrow and Kollar 2008; Physics: Timing and data"
     excited_by = "angles between the steps"
     look = "angles on a grid; a sawtooth of the residual over the angle"
     axis_wise = True
@@ -145,7 +145,7 @@ class DataPoseLabel(WritingEffect):
     )
     physics = "The operator mistypes one angle."
     equation = "written = readout + error during one dwell (stop number, from 0)"
-    source = "effects list; PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "several dwells"
     look = "one dwell is a large rotation off, norm unchanged"
     axis_wise = True
@@ -167,7 +167,7 @@ class DataRotationSense(WritingEffect):
     parameters = (Parameter("reversed", "unitless", (1, 1, 1), positive=True),)
     physics = "The controller counts clockwise."
     equation = "written = readout (1 - 2 r), r 0 or 1"
-    source = "PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "any turn"
     look = "the readings follow the mirrored angle"
     axis_wise = True
@@ -190,7 +190,7 @@ class DataTransitionSamples(WritingEffect):
     parameters = (Parameter("lead", "s", (0.5, 1, 2), positive=True),)
     physics = "The controller reports the next angle before the table has arrived."
     equation = "written(t) = readout(t + lead)"
-    source = "PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "moves"
     look = "the first samples of each dwell still move"
 
@@ -211,7 +211,7 @@ class DataRateLabel(WritingEffect):
     parameters = (Parameter("rate_error", "ppm", (100, 1000, 20000)),)
     physics = "Stamps are made from a nominal rate that the recorder does not keep."
     equation = "written t = t (1 + e), for all columns alike"
-    source = "PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "turning"
     look = "a common scale of all rates against the table's whole turns"
 

@@ -43,7 +43,7 @@ class AdcGainError(PerChannel):
     parameters = (Parameter("gain_{axis}", "ppm", (50, 500, 5000)),)
     physics = "The amplifier's or converter's gain is off."
     equation = "reading_i *= 1 + e_i"
-    source = "PHYSICS 3.6"
+    source = "IEEE 1241; Physics: Electronics"
     excited_by = "any input"
     look = "one with the scale factor until the gain is switched"
     linear = True
@@ -68,7 +68,7 @@ class AdcInl(PerChannel):
         "reading_i += e_i (1 - v^2), v = reading / full scale (1.2 g unless stated); odd = 1: e_i"
         " 2.6 (v - v^3)"
     )
-    source = "PHYSICS 3.6; AD7705 (0.003 % of full scale)"
+    source = "IEEE 1241; Physics: Electronics"
     excited_by = "the whole input range"
     look = "as K2, but tied to the voltage"
     distinguished_by = dict.fromkeys(
@@ -101,7 +101,7 @@ class AdcQuantisation(SignalEffect):
         "The converter rounds to one LSB; a median sticks to multiples of it, a mean does not."
     )
     equation = "reading = lsb round(reading / lsb)"
-    source = "PHYSICS 3.6"
+    source = "IEEE 1241; Widrow and Kollar 2008; Physics: Electronics"
     excited_by = "noise below one LSB"
     look = "a staircase"
     random = True  # a rounding error is noise: `--noise off` leaves it out
@@ -128,7 +128,7 @@ class GyrQuantisation(AdcQuantisation):
     parameters = (Parameter("lsb", "deg_s", (1e-5, 0.004, 0.06), positive=True),)
     physics = "The gyro's digital output has few bits a degree per second."
     equation = "reading = lsb round(reading / lsb)"
-    source = "PHYSICS 3.5"
+    source = "IEEE 2700; Widrow and Kollar 2008; Physics: Gyroscopes and FOGs"
 
 
 class AdcStuckBit(SignalEffect):
@@ -143,7 +143,7 @@ class AdcStuckBit(SignalEffect):
     parameters = (Parameter("bit_value", "si", (1e-4, 1e-3, 1e-2), positive=True),)
     physics = "A line of the interface or a comparator is stuck: one bit always reads 0."
     equation = "reading -= bit where floor(reading / bit) is odd, on one axis where one is named"
-    source = "effects list; PHYSICS 3.6"
+    source = "IEEE 1241; Physics: Electronics"
     excited_by = "readings that use the bit"
     look = "half of all output values missing, jumps by one bit"
     threshold = True
@@ -170,7 +170,7 @@ class AdcCrosstalk(SignalEffect):
     parameters = (Parameter("crosstalk", "ppm", (10, 100, 1000)),)
     physics = "The multiplexer has not settled when the next channel is converted."
     equation = "next channel += eps previous"
-    source = "effects list; PHYSICS 3.6"
+    source = "IEEE 1241; Physics: Electronics"
     excited_by = "different inputs on neighbouring channels"
     look = "one-sided cross-axis terms, in the order of conversion"
     linear = True

@@ -12,7 +12,7 @@ from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.sense import Sense
 from tiltcal.effects.spans import CoordinateRanges
 
-WANDER = 0.05  # Hz, of the mains about its frequency (PHYSICS 3.6); further off is another tone
+WANDER = 0.05  # Hz, of the mains about its frequency; further off is another tone
 GRIDS = (50.0, 60.0)  # Hz
 OFF = 0.5  # Hz, of a grid from its frequency, a weak one or by a clock that is not right
 OTHER = (
@@ -44,7 +44,7 @@ class MainsPickup(TermEffect):
     )
     physics = "Mains couples into the wiring; sampled, it appears at its alias |f - n fs|."
     equation = "reading_i += A_i sin(2 pi f t + phase), t from the first stamp"
-    source = "PHYSICS 3.6"
+    source = "Oppenheim and Schafer 2010; Physics: Electronics"
     excited_by = "any recording"
     look = "a line that does not turn with the pose"
     linear = False

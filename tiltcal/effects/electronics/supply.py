@@ -30,7 +30,7 @@ class ReferenceDrift(SignalEffect):
         " thermometer's."
     )
     equation = "all channels (1 + k (T_ref - T0)), lag dT_ref/dt = T - T_ref"
-    source = "effects list; PHYSICS 3.6"
+    source = "IEEE 1241; Physics: Electronics"
     excited_by = "a temperature change on loaded channels"
     look = "the same ppm on every channel"
     linear = True
@@ -58,7 +58,7 @@ class SupplyRatiometric(SignalEffect):
     parameters = (Parameter("gain", "ppm", (20, 1000, 20000)),)
     physics = "A ratiometric sensor on a converter that is not: the supply sags over the recording."
     equation = "all channels (1 + e x(t)), x = 0..1 over the recording"
-    source = "PHYSICS 3.6"
+    source = "Physics: Electronics"
     excited_by = "time on loaded channels"
     look = "a gain that ramps, the same on every channel"
     linear = True
@@ -83,7 +83,7 @@ class AdcOffsetDrift(FollowsTemperature):
     parameters = (Parameter("offset_{axis}", "ug_degC", (1, 10, 100)),)
     physics = "The amplifier's offset drifts with temperature; a shorted input shows it."
     equation = "reading_i += k_i (T - T0)"
-    source = "PHYSICS 3.6"
+    source = "IEEE 1241; Physics: Electronics"
     excited_by = "a temperature change"
     look = "one with the sensor's own bias drift until the input is shorted"
     same_law_as = "acc_temp_bias"

@@ -38,7 +38,7 @@ class FloorTiltDrift(FrameEffect):
         "R_base gains Rx(east x(t)) Ry(north x(t)), x = 0..1 over the recording, or over span_s and"
         " then held"
     )
-    source = "effects list; PHYSICS 3.1"
+    source = "Agnew 1986; Physics: Environment"
     excited_by = "time, in several headings"
     look = "a ramp of both channels that turns with the table's heading"
     linear = True
@@ -72,7 +72,7 @@ class WindGust(FrameEffect):
     )
     physics = "Wind pressure on a mast bends it; gusts come and go within seconds."
     equation = "tilt = C q(t), q a first-order process of unit variance with time constant tau"
-    source = "PHYSICS 3.1"
+    source = "Gelb 1974; Physics: Environment"
     excited_by = "time"
     look = "slow coherent wander of both channels, 0.05-1 Hz, fixed in the world"
     random = True
@@ -103,7 +103,7 @@ class MagneticField(TermEffect):
         " axis."
     )
     equation = "FOG rate += b . a, b fixed in the world"
-    source = "effects list; PHYSICS 3.1"
+    source = "Lefevre 2014; Physics: Environment"
     excited_by = "heading and attitude changes of the FOG"
     look = "cosine of heading, as the Earth's rate, but towards magnetic north"
     linear = True

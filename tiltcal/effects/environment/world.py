@@ -21,7 +21,7 @@ class GravityMagnitude(WorldEffect):
         " every reading."
     )
     equation = "g = g_stated (1 + e)"
-    source = "PHYSICS 3.1; Somigliana's formula for g(latitude)"
+    source = "WGS 84; Physics: Environment"
     excited_by = "any pose"
     look = "all scale factors shift alike; the norm is off by a constant"
     linear = True
@@ -42,7 +42,7 @@ class EarthRate(WorldEffect):
         " a deviation from it."
     )
     equation = "w = w_table + (1 + e) R_bw W_e"
-    source = "WGS 84 rate 7.292115e-5 rad/s"
+    source = "WGS 84; Physics: Environment"
     excited_by = "heading and attitude changes of a gyro"
     look = "cosine of heading on a horizontal gyro axis, constant on a vertical one"
     linear = True
@@ -64,7 +64,7 @@ class EarthCoriolis(WorldEffect):
         " is a deviation."
     )
     equation = "f += e R_bw (2 W_e x v + W_e x (W_e x r))"
-    source = "PHYSICS 3.1"
+    source = "Titterton and Weston 2004; Physics: Environment"
     excited_by = "turning with a lever arm"
     look = "odd in the rate, up to 10 ug"
     linear = False
@@ -88,7 +88,7 @@ class BaseVibration(WorldEffect):
         " with the pose."
     )
     equation = "a_base = (E, N, U) (c cos 2 pi f t + s sin 2 pi f t)"
-    source = "PHYSICS 3.1"
+    source = "Peterson 1993; Physics: Environment"
     excited_by = "any recording; a change of pose shows that it is fixed in the world"
     look = "a line in the spectrum, coherent over the axes"
     on_table = True

@@ -21,7 +21,7 @@ class LeverArm(WorldEffect):
         " lever_arm_m."
     )
     equation = "f += dw x r + w x (w x r)"
-    source = "PHYSICS 3.3"
+    source = "Titterton and Weston 2004; Physics: Mount"
     excited_by = "turning"
     look = "even in the rate (w^2) and proportional to the angular acceleration; zero at rest"
     linear = True

@@ -25,7 +25,7 @@ class MountMisalignment(FrameEffect):
         "The body's axes are turned against the faceplate by the mounting surface and the screws."
     )
     equation = "R_mount gains Rx(x) Ry(y) Rz(z)"
-    source = "PHYSICS 3.3; NIST jres.122.032"
+    source = "Geist et al. 2017; Physics: Mount"
     excited_by = "any two poses"
     look = "antisymmetric part of the sensitivity matrix: inside a full cross-axis calibration"
     linear = True
@@ -49,7 +49,7 @@ class MountSlip(FrameEffect):
     )
     physics = "A screw or an adhesive lets go a little; all channels step as one rotation."
     equation = "R_mount gains a small rotation from time_s on"
-    source = "PHYSICS 3.3"
+    source = "Physics: Mount"
     excited_by = "time"
     look = "a step of all channels at once, norm unchanged"
     family = Family(tilt=(("mount", "time"),))
@@ -75,7 +75,7 @@ class MountThermalTilt(FrameEffect):
     parameters = tuple(Parameter(f"tilt_{a}", "arcsec_degC", (0.3, 3, 10)) for a in "xyz")
     physics = "Brackets of unequal expansion turn the instrument with temperature."
     equation = "R_mount gains a small rotation k (T - T0)"
-    source = "PHYSICS 3.3"
+    source = "Physics: Mount"
     excited_by = "a temperature change in several poses"
     look = "follows T, turns with the pose, norm unchanged"
     linear = True
@@ -104,7 +104,7 @@ class MountCompliance(FrameEffect):
         " body frame."
     )
     equation = "small rotation of the mount (-c_x f_y, c_y f_x, 0) / g"
-    source = "effects list; PHYSICS 3.3"
+    source = "Physics: Mount"
     excited_by = "tilting about two axes"
     look = (
         "products of two force components on all channels, norm unchanged; follows the body at a"
@@ -158,7 +158,7 @@ class MountResonance(FrameEffect):
         "R_mount gains rotations (x, y) exp(-s/tau) cos(2 pi f s), s = early + time since the end"
         " of the move"
     )
-    source = "PHYSICS 3.3"
+    source = "Piersol and Paez 2009; Physics: Mount"
     excited_by = "the first samples after each move"
     look = "a decaying tone in body axes, whichever table axis moved"
     same_law_as = "settling_transient"
@@ -188,7 +188,7 @@ class RemountRepeatability(FrameEffect):
     parameters = (Parameter("sigma", "arcsec", (3, 60, 360), positive=True),)
     physics = "Screws and dowels place the instrument a little differently each time."
     equation = "R_mount gains a rotation N(0, sigma) about each axis, new at each mounting"
-    source = "PHYSICS 3.3"
+    source = "Physics: Mount"
     excited_by = "remounts"
     look = "a step of all channels at a remount, norm unchanged"
     random = True

@@ -25,7 +25,7 @@ class TriadSizeEffect(TermEffect):
     equation = (
         "f_i at r_i: x displaced along y, y along z, z along x; f_i += (dw x r_i + w x (w x r_i))_i"
     )
-    source = "effects list; PHYSICS 3.3"
+    source = "Titterton and Weston 2004; Physics: Mount"
     excited_by = "turning"
     look = "a lever arm that differs between the axes"
     linear = True

@@ -29,7 +29,7 @@ class AccTerm(TermEffect):
     stage = "sensor"
     kinds = ACCELEROMETERS
     order = 10
-    source = "IEEE 1293 model equation; PHYSICS 1.1, 3.4"
+    source = "IEEE 1293; Physics: Accelerometers and inclinometers"
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         axis = name[-1]
@@ -86,7 +86,7 @@ class AccCrossAxis(TermEffect):
     parameters = (Parameter("cross_{pair}", "ppm", (2000, 10000, 20000)),)
     physics = "Sensing axes are not orthogonal, or are misaligned with the body's frame."
     equation = "reading_i += C_ij f_j"
-    source = "IEEE 1293 (misalignments); PHYSICS 3.4"
+    source = "IEEE 1293; Geist et al. 2017; Physics: Accelerometers and inclinometers"
     excited_by = "tilting the other axis"
     look = "first harmonics of the other axes; the antisymmetric part is a mounting rotation"
     calibration_term = "cross_axis"

@@ -27,7 +27,7 @@ class AccBandwidth(SignalEffect):
     parameters = (Parameter("tau", "ms", (0.5, 10, 20), positive=True),)
     physics = "A damped suspension or its filter follows with a lag."
     equation = "tau dy/dt + y = u"
-    source = "PHYSICS 3.4; SCA121T data sheet (18 Hz)"
+    source = "IEEE 2700; Physics: Accelerometers and inclinometers"
     excited_by = "moves"
     look = "as a delay in steady turns, an exponential after stops"
 
@@ -46,7 +46,7 @@ class GyrBandwidth(AccBandwidth):
     id = "gyr_bandwidth"
     needs = "motion"
     kinds = GYROS
-    source = "PHYSICS 3.5"
+    source = "IEEE 2700; Physics: Gyroscopes and FOGs"
 
 
 class AccSaturation(SignalEffect):
@@ -60,7 +60,7 @@ class AccSaturation(SignalEffect):
     physics = "Beyond full scale the reading stays at full scale."
     equation = "|reading| <= full scale, on one axis where one is named"
     channel_wise = True
-    source = "PHYSICS 3.4"
+    source = "IEEE 2700; Physics: Accelerometers and inclinometers"
     excited_by = "input beyond full scale"
     look = "flat tops"
     threshold = True
@@ -81,7 +81,7 @@ class GyrSaturation(AccSaturation):
     id = "gyr_saturation"
     kinds = GYROS
     parameters = (Parameter("full_scale", "deg_s", (400, 250, 250), positive=True),)
-    source = "PHYSICS 3.5"
+    source = "IEEE 2700; Physics: Gyroscopes and FOGs"
 
 
 class AccAngleBias(TermEffect):
@@ -101,7 +101,7 @@ class AccAngleBias(TermEffect):
         "reading_i += sum_n c_n cos(n beta_i) + s_n sin(n beta_i); beta_i: turn about axis i from"
         " level"
     )
-    source = "seed S0; PHYSICS 3.4"
+    source = "CN 109459585; Physics: Accelerometers and inclinometers"
     excited_by = "turning about the sensitive axis"
     look = "the cross channel's bias as a function of the placing angle"
     form = "unknown"
@@ -139,7 +139,7 @@ class AccVre(TermEffect):
     equation = (
         "reading_i += k_i <a_i^2> (g), the mean square over 1 s of what is faster than 0.25 s"
     )
-    source = "PHYSICS 3.4; analog.com on vibration rectification"
+    source = "IEEE 1293; Physics: Accelerometers and inclinometers"
     excited_by = "vibration of changing size"
     look = "the bias follows the square of the vibration"
 
@@ -158,7 +158,7 @@ class TiltConversion(SignalEffect):
     parameters = (Parameter("mix", "unitless", (1, 1, 1)),)
     physics = "Firmware reports the sine as the angle; 183 arcsec at 10 deg."
     equation = "tilt = (1 - m) asin(s) + m s"
-    source = "PHYSICS 3.4"
+    source = "Pedley 2013; Physics: Accelerometers and inclinometers"
     excited_by = "large tilts"
     look = "odd cubic of the angle"
     linear = True

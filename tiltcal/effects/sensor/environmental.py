@@ -24,7 +24,7 @@ class FollowsState(TermEffect):
 
     stage: ClassVar[Stage] = "sensor"
     order = 20
-    source = "PHYSICS 3.4, 3.5"
+    source = "IEEE 1293; Physics: Accelerometers and inclinometers"
 
     @abstractmethod
     def state(self, sense: Sense) -> Array:
@@ -83,7 +83,7 @@ class AccTempScale(TermEffect):
     parameters = (Parameter("temp_scale_{axis}", "ppm_degC", (180, 100, 300)),)
     physics = "Magnet or reference voltage change with temperature."
     equation = "reading_i += k_i (T - T0) f_i"
-    source = "PHYSICS 3.4"
+    source = "IEEE 1293; Physics: Accelerometers and inclinometers"
     excited_by = "a temperature change on a loaded axis"
     look = "temperature times its own force"
     ordinary = True
@@ -105,6 +105,7 @@ class AccThermalGradient(FollowsWarming):
     parameters = (Parameter("temp_rate_{axis}", "ug_s_degC", (1e4, 1e5, 1e6)),)
     physics = "A gradient through the package while it warms."
     equation = "reading_i += k_i dT/dt"
+    source = "Shupe 1980; Physics: Accelerometers and inclinometers"
     excited_by = "a temperature ramp"
     look = "changes sign between heating and cooling, gone when T settles"
     family = Family(reading=("warming", "temperature"))
@@ -125,6 +126,7 @@ class AccThermalHysteresis(FollowsState):
         "reading_i += h_i z(T), z the play state of the temperature; its width, where none is"
         " given, half of the span"
     )
+    source = "Brokate and Sprekels 1996; Physics: Accelerometers and inclinometers"
     excited_by = "a temperature cycle"
     look = "a loop over temperature"
     family = Family(reading=("temperature", "warming"))
@@ -150,7 +152,7 @@ class AccTempMisalign(TermEffect):
     parameters = (Parameter("temp_cross_{pair}", "ppm_degC", (2, 20, 50)),)
     physics = "The suspension leans as it expands: the sensitive axis turns with temperature."
     equation = "reading_i += k_ij (T - T0) f_j"
-    source = "PHYSICS 3.4"
+    source = "IEEE 1293; Physics: Accelerometers and inclinometers"
     excited_by = "a temperature change while the other axis is loaded"
     look = "temperature times the force of another axis"
     family = Family(across=("temperature",))
@@ -177,7 +179,7 @@ class AccAngularTerms(TermEffect):
         " output axis."
     )
     equation = "reading_i += k_i dw_o/dt, o the output axis"
-    source = "IEEE 1293 (Kang); effects list"
+    source = "IEEE 1293; Physics: Accelerometers and inclinometers"
     excited_by = "starting and stopping a turn about the output axis"
     look = "pulses at the ends of moves, unlike a lever arm without a w^2 part"
     linear = True
@@ -209,7 +211,7 @@ class AccHysteresis(SignalEffect):
         "reading_i += h_i z(f_i), z in [-1, 1] the play state (width in g, 0.2 unless given);"
         " rounded = 1: Dahl's"
     )
-    source = "PHYSICS 3.4"
+    source = "Brokate and Sprekels 1996; Dahl 1968; Physics: Accelerometers and inclinometers"
     excited_by = "approaching the same force from both sides"
     look = "a loop over the axis' own force"
     linear = True

@@ -23,7 +23,7 @@ class GyrTerm(RowWiseTerm):
     stage = "sensor"
     kinds = TRIAD
     order = 10
-    source = "IEEE 1431; PHYSICS 1.1, 3.5"
+    source = "IEEE 1431; Physics: Gyroscopes and FOGs"
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         channel = self.channel_of(name[-1], sense)
@@ -96,12 +96,14 @@ class GyrNonlinearity(GyrTerm):
 
 class FogBias(GyrBias):
     id = "fog_bias"
+    source = "IEEE 952; Physics: Gyroscopes and FOGs"
     kinds = FOG
     parameters = (Parameter("bias_{axis}", "deg_h", (0.1, 5, 20)),)
 
 
 class FogScale(GyrScale):
     id = "fog_scale"
+    source = "IEEE 952; Physics: Gyroscopes and FOGs"
     kinds = FOG
     parameters = (Parameter("scale_{axis}", "ppm", (10, 500, 1000)),)
 
@@ -115,7 +117,7 @@ class GyrMisalignment(RowWiseTerm):
     parameters = (Parameter("cross_{pair}", "ppm", (500, 10000, 20000)),)
     physics = "Input axes are misaligned with the body's frame."
     equation = "reading_i += C_ij w_j"
-    source = "PHYSICS 3.5"
+    source = "IEEE 1431; Physics: Gyroscopes and FOGs"
     excited_by = "turning about another axis"
     look = "rate on the axes that are not turned"
     linear = True
@@ -135,7 +137,7 @@ class GyrGsens(RowWiseTerm):
     parameters = (Parameter("gsens_{matrix}", "deg_h_g", (10, 60, 360)),)
     physics = "Gravity deflects the vibrating mass; the bias depends on the pose."
     equation = "reading_i += G_ij f_j (g)"
-    source = "PHYSICS 1.1, 3.5; ADIS16445 data sheet 0.015 deg/s/g"
+    source = "IEEE 1431; Physics: Gyroscopes and FOGs"
     excited_by = "dwell in several poses"
     look = "static bias follows the pose; integrates to zero over a full turn"
     linear = True
@@ -155,7 +157,7 @@ class GyrG2sens(RowWiseTerm):
     parameters = (Parameter("g2sens_{matrix}", "deg_h_g2", (1, 10, 60)),)
     physics = "Anisoelastic deflection: two load directions at once turn the drive mode."
     equation = "reading_i += G2_ij f_j^2 (g)"
-    source = "IEEE 1431; PHYSICS 1.1"
+    source = "IEEE 1431; Physics: Gyroscopes and FOGs"
     excited_by = "dwell in several poses"
     look = "even in the force, second harmonic over a turn"
     linear = True
@@ -180,7 +182,7 @@ class GyrVre(TermEffect):
         "reading_i += k_i <a^2> (g), the mean square over 1 s of what is faster than 0.25 s, all"
         " axes"
     )
-    source = "PHYSICS 3.5"
+    source = "IEEE 1431; Physics: Gyroscopes and FOGs"
     excited_by = "vibration of changing size"
     look = "the bias follows the square of the vibration"
     linear = True
@@ -201,6 +203,7 @@ class GyrTemp(FollowsTemperature):
     parameters = (Parameter("temp_bias_{axis}", "deg_s_degC", (1e-5, 0.005, 0.05)),)
     physics = "The resonator and its electronics drift with temperature."
     equation = "reading_i += k_i (T - T0)"
+    source = "IEEE 1431; Physics: Gyroscopes and FOGs"
     excited_by = "a temperature change"
     look = "follows the temperature record, the same in every pose"
     ordinary = True
@@ -216,6 +219,7 @@ class FogShupe(FollowsWarming):
     parameters = (Parameter("shupe_{axis}", "deg_h_s_degC", (10, 100, 1000)),)
     physics = "A temperature gradient along the coil is not reciprocal (Shupe)."
     equation = "reading += k dT/dt"
+    source = "Shupe 1980; Physics: Gyroscopes and FOGs"
     excited_by = "a temperature ramp"
     look = "changes sign between heating and cooling"
     family = Family(reading=("warming",))
@@ -234,7 +238,7 @@ class FogAxisError(RowWiseTerm):
     )
     physics = "The coil's normal leans against the stated input axis."
     equation = "input axis a + u b1 + v (a x b1), b1 = a x z / |a x z|"
-    source = "effects list; PHYSICS 3.5"
+    source = "Physics: Gyroscopes and FOGs"
     excited_by = "turning across the input axis"
     look = "transverse rate on the FOG; a field calibration takes it for scale, -du_i/u_i"
     linear = True
@@ -264,7 +268,7 @@ class FogDeadband(SignalEffect):
     parameters = (Parameter("deadband", "deg_h", (0.1, 1, 10), positive=True),)
     physics = "Cross-talk of modulation and detection pulls a small phase to zero."
     equation = "reading = 0 where |reading| < dead band"
-    source = "effects list; PHYSICS 3.5"
+    source = "IEEE 952; Physics: Gyroscopes and FOGs"
     excited_by = "rates near zero"
     look = "zeros where the Earth's rate should show; variance falls"
     family = Family(reading=("input",))
@@ -285,7 +289,7 @@ class FogFringe(SignalEffect):
     parameters = (Parameter("max_rate", "deg_s", (500, 200, 100), positive=True),)
     physics = "An open loop counts fringes only within +-pi of phase."
     equation = "reading wraps beyond +- the maximum rate"
-    source = "effects list; PHYSICS 3.5"
+    source = "Lefevre 2014; Physics: Gyroscopes and FOGs"
     excited_by = "rates beyond the maximum"
     look = "jumps by twice the maximum rate"
     threshold = True

@@ -133,7 +133,7 @@ class Noise(SignalEffect):
     random = True
     physics = "Thermal, electronic and 1/f noise of the sensor."
     equation = "Allan variance = N^2/tau + (2 ln2/pi) B^2 + K^2 tau/3"
-    source = "IEEE 952, 1293 (Allan variance annex)"
+    source = "IEEE 952; IEEE 1293; Allan 1966; Physics: Noise and Allan variance"
     excited_by = "any recording"
     look = "Allan slopes -1/2, 0, +1/2"
 

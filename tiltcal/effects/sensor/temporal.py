@@ -22,7 +22,7 @@ class Warmup(TermEffect):
     linear = False
     equation = "reading_i += A_i exp(-t/tau)"
     physics = "Self-heating after power-on relaxes exponentially, in every pose alike."
-    source = "PHYSICS 3.4"
+    source = "IEEE 1293; Physics: Accelerometers and inclinometers"
     excited_by = "time since power-on"
     look = "an exponential from the first stamp on"
     family = Family(reading=("time",))
@@ -52,6 +52,7 @@ class GyrWarmup(Warmup):
     needs = "time"
     kinds = GYROS
     title = "exponential after power-on"
+    source = "IEEE 1431; Physics: Gyroscopes and FOGs"
     parameters = (
         Parameter("warmup_{axis}", "deg_s", (1e-4, 0.05, 0.5)),
         Parameter("tau", "s", (1800, 600, 300), positive=True, default=300.0),
@@ -67,7 +68,7 @@ class BiasStep(TermEffect):
     linear = False
     equation = "reading_i += A_i from time_s on"
     physics = "Trapped charge or a shifted suspension steps one axis at an instant."
-    source = "PHYSICS 3.4"
+    source = "Physics: Accelerometers and inclinometers"
     excited_by = "time"
     look = "a step on one axis only, its neighbours unchanged"
     family = Family(reading=("time",))
@@ -96,6 +97,7 @@ class GyrBiasStep(BiasStep):
     needs = "time"
     kinds = GYROS
     title = "step of the bias"
+    source = "Physics: Gyroscopes and FOGs"
     parameters = (
         Parameter("bias_step_{axis}", "deg_s", (1e-4, 0.05, 0.5)),
         Parameter("time", "s", (1e5, 1e5, 1e5), positive=True, shape=True),
@@ -111,6 +113,7 @@ class AccDrift(FollowsState):
     parameters = (Parameter("drift_{axis}", "ug", (50, 1000, 5000)),)
     physics = "Slow relaxation that looks linear over one recording."
     equation = "reading_i += d_i x(t), x = 0..1 over the recording"
+    source = "IEEE 528; Physics: Accelerometers and inclinometers"
     excited_by = "time"
     look = "a ramp in every pose"
     family = Family(reading=("time",))
@@ -130,7 +133,7 @@ class AccTurnOn(SignalEffect):
     parameters = (Parameter("sigma", "ug", (160, 3500, 10000), positive=True),)
     physics = "Each power-on finds another equilibrium of charge and stress."
     equation = "reading_i += N(0, sigma), drawn once a recording"
-    source = "PHYSICS 3.4"
+    source = "IEEE 528; Physics: Accelerometers and inclinometers"
     excited_by = "several recordings with power cycles between"
     look = "a constant in one recording, another in the next"
     random = True

@@ -54,7 +54,7 @@ class TableUnbalance(AngleEffect):
     parameters = (Parameter("cos", "arcsec", (2, 20, 60)), Parameter("sin", "arcsec", (2, 20, 60)))
     physics = "A load off the axis in any direction bends the drive train by its gravity torque."
     equation = "true = readout + c cos(angle) + s sin(angle), on the axis that gravity loads"
-    source = "PHYSICS 3.2"
+    source = "Physics: Table mechanics"
     excited_by = "a turn of a horizontal axis"
     look = "sag with a phase; a payload change moves it"
     linear = True
@@ -103,7 +103,7 @@ class CableTorque(AngleEffect):
         " does not repeat after 360 deg."
     )
     equation = "true = readout + k readout"
-    source = "effects list; PHYSICS 3.2"
+    source = "Physics: Table mechanics"
     excited_by = "a large range of the angle"
     look = "a rotation that grows with the angle and does not close at 360 deg"
     linear = True
@@ -124,7 +124,7 @@ class RateError(CableTorque):
     equation = "true = readout (1 + e)"
     excited_by = "turning"
     look = "a common scale of all gyro axes; angle closure after whole turns shows it"
-    source = "PHYSICS 3.2"
+    source = "IEEE 1554; Physics: Table mechanics"
     same_law_as = "cable_torque"
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
@@ -149,7 +149,7 @@ class ServoFrictionDeadband(AngleEffect):
         " (readout ="
         " command); with a crossing, the play state of the command in place of the sign"
     )
-    source = "effects list; PHYSICS 3.2"
+    source = "Armstrong-Helouvry et al. 1994; Physics: Table mechanics"
     excited_by = "approaching the same angle from both sides"
     look = "as backlash; does not scale with the load"
     linear = True
@@ -178,7 +178,7 @@ class ServoLag(AngleEffect):
     parameters = (Parameter("tau", "ms", (1, 10, 50), positive=True),)
     physics = "A servo follows a ramp with (kv + damping) / kp of lag."
     equation = "true = command - tau rate (readout = command)"
-    source = "effects list; PHYSICS 3.2"
+    source = "Physics: Table mechanics"
     excited_by = "moves"
     look = "as latency, but in the encoder too; nothing at rest"
     linear = True
@@ -204,7 +204,7 @@ class ServoRipple(AngleEffect):
     )
     physics = "Cogging and commutation modulate the rate with the angle."
     equation = "rate = readout rate (1 + r cos(n angle)): true = readout + r/n sin(n angle)"
-    source = "PHYSICS 3.2"
+    source = "IEEE 1554; Physics: Table mechanics"
     excited_by = "turning, and stops at odd angles"
     look = "rate modulated at constant angle spacing; gyro and encoder both see it"
     same_law_as = "table_encoder_sde"
@@ -231,7 +231,7 @@ class EncoderSde(ReadoutError):
         " line."
     )
     equation = "readout = true + c cos(n a) + s sin(n a), n the number of lines"
-    source = "effects list; PHYSICS 3.2"
+    source = "Slocum 1992; Physics: Table mechanics"
     excited_by = "angles that are no multiple of the line pitch"
     look = "a fast ripple over the angle; round steps alias it into a constant"
     linear = True

@@ -26,7 +26,7 @@ class TableLevelling(FrameEffect):
     )
     physics = "The base stands on its feet with a tilt about East and one about North."
     equation = "R_base = Rx(east) Ry(north)"
-    source = "PHYSICS 3.2"
+    source = "IEEE 1554; Physics: Table mechanics"
     excited_by = "a turn about a vertical axis"
     look = (
         "on a vertical axis once per turn in both channels; on a horizontal one a constant and the"
@@ -54,7 +54,7 @@ class AxisNonorthogonality(FrameEffect):
         "R(e) between successive axes, about the perpendicular of both; dual: Ry; three: Rx after"
         " outer, Rz after middle"
     )
-    source = "effects list; PHYSICS 3.2"
+    source = "Geist and Gaitan 2022; Physics: Table mechanics"
     excited_by = "both angles changing"
     look = "product of both angles; invisible on one axis"
     linear = True
@@ -83,7 +83,7 @@ class AxisWobble(FrameEffect):
         "stator-frame rotation vector (c + i s) exp(i n a), n = -1, +2, -2, along the next two axes"
         " cyclically"
     )
-    source = "PHYSICS 1, 1.2"
+    source = "ISO 230-7; Physics: Table mechanics"
     excited_by = "a full turn"
     look = (
         "on a vertical axis the sensor sees orders -2, +1, -3; n = +1 would be the mounting and is"
@@ -126,7 +126,7 @@ class WobbleAsync(FrameEffect):
     equation = (
         "stator-frame rotation vector (c + i s) exp(i r a), r turns of the cage a turn of the axis"
     )
-    source = "PHYSICS 3.2"
+    source = "ISO 230-7; Physics: Table mechanics"
     excited_by = "several turns"
     look = "a wobble that differs from turn to turn and repeats with the cage"
 
@@ -164,7 +164,7 @@ class AxisNonintersection(LinkEffect):
         "inner axes displaced along the perpendicular of the first two: dual along y, three along"
         " x, of the outer stage"
     )
-    source = "effects list; PHYSICS 3.2"
+    source = "Physics: Table mechanics"
     excited_by = "turning the outer axis"
     look = "centripetal and tangential, as a lever arm, but fixed to the outer stage"
     linear = True

@@ -44,7 +44,7 @@ class JointAxisTilt(_OfModel):
         "the joint's rotation R becomes T R R0^T T^-1 R0, T = Rx(tilt_x) Ry(tilt_y) in the joint's"
         " frame, R0 at the reference"
     )
-    source = "Hayati and Mirmirani 1985, J. Robotic Systems 2, 397"
+    source = "Hayati and Mirmirani 1985; Physics: Joints and links"
     excited_by = "that joint turning"
     look = "a tilt that grows as the joint leaves the model's reference"
     distinguished_by = {"link_tilt": "that joint and the next one turning over a wide range"}
@@ -75,7 +75,7 @@ class LinkTilt(_OfModel):
         " is turned."
     )
     equation = "Rx(tilt_x) Ry(tilt_y) between a link and the next joint, in the joint's frame"
-    source = "Hayati and Mirmirani 1985, J. Robotic Systems 2, 397"
+    source = "Hayati and Mirmirani 1985; Physics: Joints and links"
     excited_by = "the joint before it turning"
     look = "a tilt that turns with the joint before"
 
@@ -98,7 +98,7 @@ class JointCompliance(_OfModel):
     equation = (
         "rotation bend_i M_i about the axes of the joint's frame before it turns; z is its axis"
     )
-    source = "Dumas et al. 2011, Robotics and CIM 27, 881: joint stiffness from deflection and load"
+    source = "Dumas et al. 2011; Physics: Joints and links"
     excited_by = "poses in which the load on the joint differs"
     look = "a rotation that follows the load moment of the joint, whatever the angles"
     follows = "load moment"
@@ -125,7 +125,7 @@ class LinkCompliance(_OfModel):
         " joint bend alike (joint_compliance)."
     )
     equation = "rotation bend_i M_i about x and y of the link's frame, which turns with the joint"
-    source = "Klimchik, Pashkevich and Chablat 2013, Finite Elements in Analysis and Design 75, 19"
+    source = "Klimchik et al. 2013; Physics: Joints and links"
     excited_by = "that joint turning over a wide range, in poses in which its load differs"
     look = "a rotation that follows the load moment in a frame that turns with the joint"
     follows = "load moment"
@@ -154,7 +154,7 @@ class BaseLoadCompliance(_OfModel):
         " weight and of its inertia."
     )
     equation = "R_base gains Rx(bend_east M_east) Ry(bend_north M_north), M about the base's origin"
-    source = "elastic foundation: tilt in proportion to the moment"
+    source = "Physics: Joints and links"
     excited_by = "poses in which the moment on the base differs"
     look = "a tilt of the base that follows the load moment, whatever the angles"
     follows = "load moment"
@@ -203,7 +203,7 @@ class Payload(LoadEffect):
         "mass of the link + mass, its centre of mass + com in the link's frame; seen through"
         " joint_compliance, link_compliance and base_load_compliance alone"
     )
-    source = "Khalil and Dombre 2002, Modeling, Identification and Control of Robots, ch. 12"
+    source = "Khalil and Dombre 2002; Physics: Joints and links"
     excited_by = "poses in which the load of a joint or base that bends differs"
     look = "a known bend that follows another load than the model's"
     follows = "load moment"

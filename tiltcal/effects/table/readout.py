@@ -52,7 +52,7 @@ class EncoderZero(ReadoutError):
     axis_wise = False
     physics = "The readout's zero is not where the scenario's frame has it."
     equation = "readout = true + zero, each axis its own"
-    source = "PHYSICS 3.2"
+    source = "IEEE 1554; Physics: Table mechanics"
     excited_by = "any tilt"
     look = "a constant rotation about the axis; one with the mounting until a remount"
     linear = True
@@ -77,7 +77,7 @@ class EncoderEccentricity(ReadoutError):
         " once a turn."
     )
     equation = "readout = true + c cos a + s sin a"
-    source = "PHYSICS 3.2, 1.2; celeramotion application note"
+    source = "Slocum 1992; Physics: Table mechanics"
     excited_by = "a full turn of a tilting axis"
     look = "constant and second harmonic on one channel, second on the other; norm unchanged"
     linear = True
@@ -111,7 +111,7 @@ class SettingScatter(AngleEffect):
     parameters = (Parameter("sigma", "arcsec", (1, 20, 3600), positive=True),)
     physics = "Each stop lands elsewhere by chance; averaging longer does not help."
     equation = "true_k = readout_k + N(0, sigma) at stop k"
-    source = "PHYSICS 3.2; NIST jres.126.038"
+    source = "Geist and Gaitan 2022; Physics: Table mechanics"
     excited_by = "several stops"
     look = "white from pose to pose, a common rotation of all channels, norm unchanged"
     random = True
@@ -143,7 +143,7 @@ class TableSag(AngleEffect):
         " the encoder."
     )
     equation = "true = readout + d sin(angle), on the axis that gravity loads"
-    source = "PHYSICS 3.2"
+    source = "Physics: Table mechanics"
     excited_by = "a turn of a horizontal axis"
     look = "twin of the encoder's once-per-turn sine on one table; a payload change splits them"
     linear = True
@@ -201,7 +201,7 @@ class TableBacklash(AngleEffect):
         "true = readout - width/2 sign(last motion); with a crossing, the play state of the readout"
         " in place of the sign"
     )
-    source = "PHYSICS 3.2"
+    source = "Nordin and Gutman 2002; Physics: Table mechanics"
     excited_by = "approaching the same angle from both sides"
     look = "a rotation that changes sign with the direction of approach; norm unchanged"
     linear = True

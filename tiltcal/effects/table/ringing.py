@@ -32,7 +32,7 @@ class SettlingTransient(AngleEffect):
     )
     physics = "The structure rings when a move stops, released before the readout stands still."
     equation = "A exp(-s/tau) cos(2 pi f s), s = early + time since the end of the move"
-    source = "effects list; PHYSICS 3.2"
+    source = "Piersol and Paez 2009; Physics: Table mechanics"
     excited_by = "the first samples after each move"
     look = "a decaying tone at the start of each dwell"
     linear = True

@@ -18,7 +18,7 @@ class DataLatency(DelayEffect):
     parameters = (Parameter("latency", "ms", (1, 20, 200)),)
     physics = "Conversion, filtering and transport take time before the stamp."
     equation = "reading(t) = signal(t - tau)"
-    source = "PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "moves"
     look = "a rotation proportional to the rate, odd in it, nothing at rest"
     distinguished_by = {"acc_bandwidth": "ramp"}
@@ -37,7 +37,7 @@ class ChannelMuxSkew(DelayEffect):
     parameters = (Parameter("skew", "ms", (1, 15, 50)),)
     physics = "One modulator serves all channels in turn."
     equation = "channel i is read i x skew earlier"
-    source = "PHYSICS 3.6"
+    source = "Physics: Electronics"
     excited_by = "moves"
     look = "an apparent cross-axis rotation proportional to the rate"
 
@@ -54,7 +54,7 @@ class ClockSkew(DelayEffect):
     parameters = (Parameter("skew", "ppm", (20, 100, 2000)),)
     physics = "The recorder's clock drifts against the table's."
     equation = "signal at t (1 - k) is stamped t"
-    source = "PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "moves near the end of a long recording"
     look = "a delay that grows"
     shows_against_table = True
@@ -72,7 +72,7 @@ class DataJitter(DelayEffect):
     parameters = (Parameter("jitter", "ms", (0.1, 1, 10), positive=True),)
     physics = "Stamps are given by a busy computer."
     equation = "reading(t_k) = signal(t_k - N(0, s))"
-    source = "PHYSICS 3.7"
+    source = "Physics: Timing and data"
     excited_by = "moves"
     look = "noise proportional to the rate"
     random = True

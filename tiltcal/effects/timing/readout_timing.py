@@ -31,7 +31,7 @@ class ReadoutAverage(AngleEffect):
         " half of it and rounds off every move."
     )
     equation = "readout(t) = mean of the true angle from t - window to t"
-    source = "moving average of a sampled signal: x = r + w/2 r' + w^2/12 r'' - ..."
+    source = "Physics: Timing and data"
     excited_by = "moves"
     look = "all sensors early by half the window, and sharper than the readout where it accelerates"
     axis_wise = False
@@ -63,7 +63,7 @@ class ReadoutRate(WritingEffect):
     parameters = (Parameter("interval", "ms", (20, 100, 200), positive=True),)
     physics = "The controller sends its angle at a low rate; the recorder repeats the last one."
     equation = "written(t) = readout at the last multiple of the interval"
-    source = "zero-order hold"
+    source = "Oppenheim and Schafer 2010; Physics: Timing and data"
     excited_by = "moves"
     look = "a staircase of the readout while it moves"
     on_table = True

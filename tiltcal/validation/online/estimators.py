@@ -31,7 +31,8 @@ class FieldScale:
         gyro: triad; fog: with its input axis.
         rest_s: length of the first rest, s.
 
-    Source: seed S3; PHYSICS 6 (3). `fog_scale` estimates the same from the whole recording.
+    Source: docs/sources.md, "Gyro triad in the field". `fog_scale` estimates the same from the
+    whole recording.
     """
 
     columns = tuple(f"scale_{a}_ppm" for a in "xyz")

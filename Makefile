@@ -27,11 +27,11 @@ setup: .venv/.ready  ## create .venv with the pinned, hash-checked dependencies 
 demo: setup  ## simulate, calibrate and verify on built-in scenarios; prints a table and the report's path
 	@$(BIN)/tiltcal demo -o demo-output
 
-test: setup  ## the tests, those in tests/long left out
-	@$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal --ignore=tests/long tests
+test: setup  ## the test suite, without what is marked long
+	@$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal tests
 
-test-long: setup  ## tests that take long, before a release: every benchmark at its smallest size
-	@$(ONE_THREAD) $(BIN)/python -m pytest tests/long
+test-long: setup  ## before a release: statistics at length, and every benchmark at its smallest size; prints the time of each
+	@$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m long --durations=0 --durations-min=1 tests
 
 check: setup  ## format, lint, types, import contract, ids of effects, docstrings, limits of the source
 	$(BIN)/ruff format --check .

@@ -9,7 +9,8 @@ import pytest
 
 from tests.benchmarks.__main__ import ROOMS
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
+pytestmark = pytest.mark.long
 PROGRAMS = {"baselines", "compare_commits"}  # with command lines of their own
 
 

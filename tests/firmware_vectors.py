@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from host import STRICT, compiler
 
-from tiltcal.calibration.firmware.fixed_temperature import READ_PLACES
+from tiltcal.calibration.firmware.fixed_point import READ_PLACES
 from tiltcal.recordings.recording import Recording
 
 C99 = tuple("-std=c99" if flag.startswith("-std=") else flag for flag in STRICT)

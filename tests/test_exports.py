@@ -11,9 +11,14 @@ from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 from scenario_files import refusal
 
+from tiltcal.calibration.autopilot_exports import (
+    TriadNoise,
+    ardupilot_parameters,
+    kalibr_yaml,
+    px4_parameters,
+    sdf_imu,
+)
 from tiltcal.calibration.methods.registry import _with_setup
-from tiltcal.calibration.noise_exports import TriadNoise, kalibr_yaml, sdf_imu
-from tiltcal.calibration.parameter_exports import ardupilot_parameters, px4_parameters
 from tiltcal.calibration.result import calibration_from
 from tiltcal.cli import main
 from tiltcal.core.units import DEG, G0

@@ -12,8 +12,7 @@ from statistics_helpers import draws_of, rng_of
 from tiltcal.calibration.correction import corrected_columns
 from tiltcal.calibration.methods import gyro_turns
 from tiltcal.calibration.methods.gyro_model import TERMS, StaticRates, parameter_names
-from tiltcal.calibration.methods.gyro_turns import solve
-from tiltcal.calibration.methods.hand_turns import Turns
+from tiltcal.calibration.methods.gyro_turns import Turns, solve
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.core.assets import folder

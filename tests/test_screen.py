@@ -11,11 +11,11 @@ from examiner.judge import judged
 from logs import log_of, triad_readings
 from statistics_helpers import rng_of
 
-from tiltcal.calibration.methods.bias_walk import walk_density
+from tiltcal.calibration.methods.north_checks import walk_density
 from tiltcal.calibration.screen.channels import channel_tests, frozen_stretch
+from tiltcal.calibration.screen.columns import unit_test
 from tiltcal.calibration.screen.drift import slope_test
 from tiltcal.calibration.screen.explanations import Explanation, alike, in_words
-from tiltcal.calibration.screen.units import unit_test
 from tiltcal.core.frames import sphere
 from tiltcal.recordings.static_poses import find_poses
 from tiltcal.statistics.dwell_noise import left_by_rounding, noise_posterior, rounding_variance

@@ -91,7 +91,7 @@ def export(
 def _of_calibration(
     chosen: str, file: Path, name: str, log: Path | None, vectors: Path | None
 ) -> str:
-    from tiltcal.calibration import parameter_exports
+    from tiltcal.calibration import autopilot_exports
 
     if file.suffix in _RECORDINGS:
         raise _wrong(chosen, file, "a calibration, CAL.json", "make one with `tiltcal calibrate`")
@@ -100,8 +100,8 @@ def _of_calibration(
     if chosen == "c":
         return _firmware(found, name, log, vectors)
     if chosen == "px4":
-        return parameter_exports.px4_parameters(found)
-    return parameter_exports.ardupilot_parameters(found)
+        return autopilot_exports.px4_parameters(found)
+    return autopilot_exports.ardupilot_parameters(found)
 
 
 def _firmware(found: Calibration, name: str, log: Path | None, vectors: Path | None) -> str:
@@ -134,7 +134,7 @@ def _of_effects(file: Path) -> str:
 
 
 def _of_noise(chosen: str, file: Path, topic: str, calibration: Path | None) -> str:
-    from tiltcal.calibration.noise_exports import kalibr_yaml, sdf_imu, triad_noise
+    from tiltcal.calibration.autopilot_exports import kalibr_yaml, sdf_imu, triad_noise
     from tiltcal.recordings.recording_files import read_recording
     from tiltcal.recordings.rest_noise import noise_models
 

@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 
 from tiltcal.calibration.firmware.fixed_point import (
+    MEMORY_PLACES,
     FixedMatrix,
     FixedPolynomial,
-    decimals,
-    places_for,
-)
-from tiltcal.calibration.firmware.fixed_temperature import (
-    MEMORY_PLACES,
     FixedTemperature,
+    decimals,
     fixed_temperature,
+    places_for,
 )
 from tiltcal.calibration.firmware.linear_terms import LinearTerms, SensorTerms, over_range
 from tiltcal.calibration.firmware.log_units import LogUnit

@@ -1,27 +1,37 @@
-"""The text of a C99 header that corrects what ``tiltcal correct`` corrects."""
+"""The text of a C99 header that corrects what ``tiltcal correct`` corrects.
+
+Placing-angle tables with look-ups and the corrector, in floating point and in integers.
+"""
 
 import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tiltcal import __version__
-from tiltcal.calibration.firmware.fixed_linear import fixed_sensors, stated
-from tiltcal.calibration.firmware.fixed_point import UNIT_PLACES
-from tiltcal.calibration.firmware.fixed_temperature import (
+from tiltcal.calibration.bias_table import PASSES, STEEP, BiasTable, PlacingCorrector
+from tiltcal.calibration.firmware.fixed_linear import fixed_sensors, range_of, stated
+from tiltcal.calibration.firmware.fixed_point import (
     HYSTERESIS_PLACES,
     MEMORY_PLACES,
     RATE_PLACES,
     STATE_PLACES,
+    UNIT_PLACES,
+    FixedMatrix,
+    decimals,
+    integers,
 )
 from tiltcal.calibration.firmware.inclinometer_export import inclinometer_numbers
 from tiltcal.calibration.firmware.linear_export import float_numbers
 from tiltcal.calibration.firmware.linear_terms import LinearTerms, linear_terms
-from tiltcal.calibration.firmware.log_units import with_recorded_units
-from tiltcal.calibration.firmware.placing_export import placing_numbers
+from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, with_recorded_units
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.safe_text import plain
+from tiltcal.core.units import DEG
 from tiltcal.recordings.recording import Recording
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
 FOLDER = Path(__file__).parent
@@ -99,3 +109,153 @@ def in_comment(text: str) -> str:
     """A text from a file, on one line and without what ends or begins a comment in C."""
     line = plain(" ".join(text.split()))
     return line.replace("*/", "* /").replace("/*", "/ *")
+
+
+WIDEST = 170.0  # deg, of a table that integers can be searched by their cross product
+WORST_UM = 4.0  # um/s2, of integers with interpolation; the tests hold it
+
+
+def placing_numbers(
+    calibration: Calibration, setup: Setup, name: str, log: Recording | None = None
+) -> dict[str, Any]:
+    """What the template of placing-angle tables needs.
+
+    Errors:
+        Integers: 1 um/s2 (0.02 arcsec) of rounding; float: some 1e-6 m/s2.
+
+    Raises:
+        TiltcalError: tables that differ in their angles, or a smooth look-up.
+    """
+    sensor, corrector = _corrector(calibration, setup)
+    return {
+        "title": f"{name}: placing-angle bias tables",
+        "passes": PASSES,
+        **_numbers(corrector, name),
+        **_in_log_units(sensor, log_unit(sensor, log)),
+    }
+
+
+def _in_log_units(sensor: Sensor, unit: LogUnit) -> dict[str, Any]:
+    """What turns readings of the log into m/s2 or um/s2, and the result back."""
+    readings = range_of(sensor, unit)
+    um = np.array([[unit.factor * 1e6]])
+    farthest = readings.limit + float(np.abs(unit.zero).max())
+    inward = FixedMatrix.of(um, np.zeros(1), np.array([farthest]), [readings.places])
+    largest = np.array(
+        [float(um[0, 0]) * readings.limit + float(np.abs(unit.zero).max() * um[0, 0])]
+    )
+    outward = FixedMatrix.of(np.array([[1e-6 / unit.corrected_factor]]), np.zeros(1), largest, [0])
+    places = {axis: sensor.axes.index(axis) for axis in "xyz" if axis in sensor.axes}
+    shift = inward.shift + inward.places
+    return {
+        "sensor": sensor.name,
+        "axes": sensor.axes,
+        "at": [places["x"], places["y"], places.get("z", -1)],
+        "unit": unit.written,
+        "corrected_unit": unit.corrected,
+        "factor": repr(unit.factor),
+        "per_corrected": repr(1 / unit.corrected_factor),
+        "zero": [repr(float(z)) for z in unit.zero],
+        "in": {"factor": inward.matrix[0][0], "shift": shift, "places": readings.places}
+        | {"zero": [integers(-z * um[0], shift)[0] for z in unit.zero]}
+        | {"limit": f"{readings.limit:.6g}", "whole": readings.whole},
+        "out": {"factor": outward.matrix[0][0], "shift": outward.shift, "places": outward.places},
+        "error": decimals(WORST_UM * 1e-6 / unit.corrected_factor + outward.error),
+    }
+
+
+def _corrector(calibration: Calibration, setup: Setup) -> tuple[Sensor, PlacingCorrector]:
+    found = [
+        (setup.named(n), c)
+        for n in calibration.sensors()
+        if (c := calibration.placing(setup.named(n), setup.site.gravity, "interpolated"))
+    ]
+    if len(found) != 1:
+        raise TiltcalError(
+            f"calibration by {calibration.method}",
+            found=f"placing-angle tables of {len(found)} sensors",
+            need="those of one",
+            do="make it with `tiltcal calibrate --method placing_table`",
+        )
+    if calibration.lookup == "smooth":
+        raise TiltcalError(
+            f"calibration by {calibration.method}",
+            found="look-up smooth",
+            need="interpolated or rounded: what firmware looks up",
+            do="calibrate again with --option lookup=interpolated",
+        )
+    ((sensor, corrector),) = found
+    corrector.lookup = calibration.lookup
+    grids = {
+        (round(t.start / DEG, 6), round(t.step / DEG, 6), len(t.values))
+        for t in corrector.tables.values()
+    }
+    if len(grids) > 1:
+        raise TiltcalError(
+            f"calibration by {calibration.method}",
+            found="tables of x and y at different angles",
+            need="one 2-D array",
+            do="sweep both axes over the same angles",
+        )
+    return sensor, corrector
+
+
+def _numbers(corrector: PlacingCorrector, name: str) -> dict[str, Any]:
+    table = next(iter(corrector.tables.values()))
+    count, g = len(table.values), corrector.gravity
+    zero = BiasTable(table.start, table.step, np.zeros(count), np.zeros(count))
+    rows = [corrector.tables.get(axis, zero).values for axis in "xy"]
+    start_deg, end_deg = table.range_deg
+    start_mdeg, step_mdeg = start_deg * 1e3, table.step / DEG * 1e3
+    if abs(step_mdeg - round(step_mdeg)) > 1e-6 or abs(start_mdeg - round(start_mdeg)) > 1e-6:
+        raise TiltcalError(
+            "placing-angle table",
+            found=f"a step of {step_mdeg:g} mdeg",
+            need="whole millidegrees",
+            do="sweep again",
+        )
+    return {
+        "count": count,
+        "start": repr(float(table.start)),
+        "per": repr(float(1 / table.step)),
+        "gravity": repr(g),
+        "per_gravity": repr(1 / g),
+        "share_shift": int(g * 1e6 * np.sin(table.step) * 2**30).bit_length() - 15,
+        "lookup": corrector.lookup,
+        "start_deg": f"{start_deg:.6g}",
+        "end_deg": f"{end_deg:.6g}",
+        "step_deg": f"{table.step / DEG:.6g}",
+        "start_mdeg": round(start_mdeg),
+        "step_mdeg": round(step_mdeg),
+        "steep": repr((STEEP * g) ** 2),
+        "steep_um": int((STEEP * g * 1e6) ** 2),
+        "gravity_um": round(g * 1e6),
+        "held": [int(a in corrector.tables) for a in "xy"],
+        "bias": [[repr(float(v)) for v in row] for row in rows],
+        "bias_um": [[round(float(v) * 1e6) for v in row] for row in rows],
+        "polynomial": _arctangent(),
+        "root_bits": 2 * (round(g * 1e6).bit_length() - 13),
+        "directions": _directions(table) if end_deg - start_deg < WIDEST else [],
+        "rounded_condition": "1"
+        if corrector.lookup == "rounded"
+        else f"defined({name.upper()}_ROUNDED)",
+    }
+
+
+def _arctangent(terms: int = 8) -> str:
+    """atan(q) / q on [0, 1] as a polynomial of w = q^2 in Horner's form, by Chebyshev
+    interpolation.
+    """
+    series = np.polynomial.chebyshev.Chebyshev.interpolate(
+        lambda w: np.arctan(np.sqrt(w)) / np.sqrt(w), terms - 1, domain=[0, 1]
+    )
+    text = ""
+    for c in reversed(series.convert(kind=np.polynomial.Polynomial).coef):
+        text = f"{c:.9g}f + w * ({text})" if text else f"{c:.9g}f"
+    return text
+
+
+def _directions(table: BiasTable) -> list[tuple[int, int]]:
+    count = len(table.values)
+    angles = table.start + table.step * np.array([-0.5, *range(count), count - 0.5])
+    return [(round(float(np.cos(a)) * 2**30), round(float(np.sin(a)) * 2**30)) for a in angles]

@@ -17,8 +17,7 @@ from tiltcal.calibration.methods.common import (
 from tiltcal.calibration.methods.terms import columns_under
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.channels import channel_tests
-from tiltcal.calibration.screen.columns import order_test
-from tiltcal.calibration.screen.units import unit_test
+from tiltcal.calibration.screen.columns import order_test, unit_test
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError

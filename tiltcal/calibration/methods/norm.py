@@ -13,8 +13,9 @@ from tiltcal.calibration.methods.norm_checks import (
     norm_notes,
     norm_tests,
     plausibility_tests,
+    solve_with_drift,
+    without_slope,
 )
-from tiltcal.calibration.methods.norm_drift import solve_with_drift, without_slope
 from tiltcal.calibration.methods.norm_iteration import product_and_sum
 from tiltcal.calibration.methods.norm_model import mirrored, solve
 from tiltcal.calibration.result import Calibration

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tiltcal.calibration.methods.bias_walk import split_dwells, walk_covariance, walk_density
 from tiltcal.calibration.methods.common import pick_sensor, whitening, wrap_up
 from tiltcal.calibration.methods.north_checks import (
     north_notes,
     north_tests,
+    split_dwells,
+    walk_covariance,
+    walk_density,
     walk_note,
     wrapped,
 )

@@ -15,18 +15,21 @@ from tiltcal.calibration.methods.common import (
     require_xy,
     wrap_up,
 )
-from tiltcal.calibration.methods.placing_causes import left_uncorrected, why_visits_differ
 from tiltcal.calibration.methods.placing_checks import (
+    left_uncorrected,
     range_tests,
     require_mounting,
     sweep_tests,
     table_notes,
+    why_visits_differ,
 )
-from tiltcal.calibration.methods.placing_interpolation import (
+from tiltcal.calibration.methods.placing_smooth import (
+    ORDERS,
     interpolation_error,
     interpolation_test,
+    joint_fit,
+    smooth_fits,
 )
-from tiltcal.calibration.methods.placing_smooth import ORDERS, joint_fit, smooth_fits
 from tiltcal.calibration.methods.placing_sweep import (
     DRIFTS,
     AxisTable,

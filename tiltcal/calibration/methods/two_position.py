@@ -15,7 +15,7 @@ from tiltcal.calibration.methods.reversal import (
 from tiltcal.calibration.methods.reversal_faults import Reversal, explain, solve, still_test
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.channels import channel_tests
-from tiltcal.calibration.screen.units import unit_test
+from tiltcal.calibration.screen.columns import unit_test
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import one_of

@@ -63,8 +63,8 @@ class Reference:
             )
         stated = ("joint", "sign", "offset_deg", "offset_mm")
         axes = {link.axis: ModelAxis(**{k: getattr(link, k) for k in stated}) for link in rig.link}
-        words = ModelWords(mjcf=rig.model, axes=axes, site=rig.site)
-        reader = ModelReader(spec.compile(), words, f"model {rig.model}")
+        text = ModelWords(mjcf=rig.model, axes=axes, site=rig.site)
+        reader = ModelReader(spec.compile(), text, f"model {rig.model}")
         reader.place(rig.site)
         return cls(reader.model, tuple(reader.axes), rig.site, reader.base_moment())
 
@@ -126,15 +126,18 @@ def _turn_joint(
     model, body = reference.model, spec.bodies[joint.body]  # compiled in the order of the spec
     parent, base = reference.pose(int(model.body_parentid[joint.body]))
     frame = parent @ _matrix(_orientation(body, model.body_quat[joint.body]))
-    place = base + parent @ np.array(body.pos)
+    position = base + parent @ np.array(body.pos)
     slid = joint.origin - joint.start  # at the model's reference, from readout zero
-    turned, moved = turn @ frame, joint.start + turn @ (place - joint.start - slid) + before @ slid
+    turned, moved = (
+        turn @ frame,
+        joint.start + turn @ (position - joint.start - slid) + before @ slid,
+    )
     for other in body.joints:
         if other.name == own.name:
             other.axis = turned.T @ before @ frame @ np.array(other.axis)
             break
         other.axis = turned.T @ frame @ np.array(other.axis)
-        other.pos = turned.T @ (place + frame @ np.array(other.pos) - moved)
+        other.pos = turned.T @ (position + frame @ np.array(other.pos) - moved)
     body.pos = parent.T @ (moved - base)
     _orient(body, parent.T @ turned)
 
@@ -178,9 +181,9 @@ def _install_springs(
             before = next(iter(spec.bodies[carrier].joints), None)
             # it stands as the model has it under what does not move
             relaxed = -reference.base_moment[direction] * gravity / found[name]
-        R, place = reference.pose(carrier)
+        R, position = reference.pose(carrier)
         spring = _hinge_before(spec.bodies[carrier], before, name)
-        spring.axis, spring.pos = R.T @ along, R.T @ (origin - place)
+        spring.axis, spring.pos = R.T @ along, R.T @ (origin - position)
         spring.springref = np.degrees(relaxed) if spec.compiler.degree else relaxed
         spring.stiffness, spring.armature = [found[name], 0.0, 0.0], ROTOR
     return found

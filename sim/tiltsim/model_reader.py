@@ -34,7 +34,7 @@ PARTS = ("include", "model")  # elements that name further XML
 SCHEMES = ("file://", "package://")  # of URDF
 
 
-def require_inside(folder: Path, path: Path, words: str) -> Path:
+def require_inside(folder: Path, path: Path, text: str) -> Path:
     """A file inside a folder, with its links resolved.
 
     Raises:
@@ -42,11 +42,11 @@ def require_inside(folder: Path, path: Path, words: str) -> Path:
     """
     found = path.resolve()
     if not found.is_relative_to(folder.resolve()):
-        raise _error(words, "a path outside the scenario's folder", "files inside it")
+        raise _error(text, "a path outside the scenario's folder", "files inside it")
     if not found.is_file():
-        raise _error(words, "no such file", "a file in the scenario's folder")
+        raise _error(text, "no such file", "a file in the scenario's folder")
     if found.stat().st_size > LARGEST:
-        raise _error(words, f"{found.stat().st_size} bytes", f"at most {LARGEST}")
+        raise _error(text, f"{found.stat().st_size} bytes", f"at most {LARGEST}")
     return found
 
 
@@ -65,16 +65,16 @@ def check_files(main: Path, folder: Path) -> None:
             continue
         roots[path] = _parsed(path)
         for name, tag in _named(roots[path]):
-            for place in (main.parent, path.parent) if tag in PARTS else ():
-                target = (place / name).resolve()
+            for position in (main.parent, path.parent) if tag in PARTS else ():
+                target = (position / name).resolve()
                 if target.is_file():
                     waiting.append(require_inside(folder, target, name))
     stated = {e.get(k) or "" for r in roots.values() for e in r.iter("compiler") for k in FOLDERS}
     for path, root in roots.items():
         for name, _ in _named(root):
-            for place in (main.parent, path.parent):
+            for position in (main.parent, path.parent):
                 for assets in stated | {""}:
-                    target = (place / assets / name).resolve()
+                    target = (position / assets / name).resolve()
                     if not target.is_relative_to(folder.resolve()):
                         require_inside(folder, target, name)
 
@@ -96,9 +96,9 @@ def _parsed(path: Path) -> Element:
         raise _error(path.name, f"no XML: {error}", "MJCF or URDF") from error
 
 
-def _error(words: str, found: str, need: str) -> TiltcalError:
+def _error(text: str, found: str, need: str) -> TiltcalError:
     return TiltcalError(
-        f"model file {words}",
+        f"model file {text}",
         found=found,
         need=need,
         do="correct it, or copy it into the scenario's folder",
@@ -153,12 +153,12 @@ MOST_BODIES = 2000
 
 
 def read_model(
-    words: ModelWords, folder: Path, sites: Sequence[str] = ()
+    text: ModelWords, folder: Path, sites: Sequence[str] = ()
 ) -> tuple[Chain, dict[str, LinkFrame]]:
     """The links of a model whose joints a scenario maps to table axes, and places on them.
 
     Args:
-        words: the file, the axes and the site, as the scenario states them.
+        text: the file, the axes and the site, as the scenario states them.
         folder: of the scenario; the model and all that it includes lie in it.
         sites: of sensors that sit elsewhere than the instrument.
 
@@ -166,9 +166,9 @@ def read_model(
         TiltcalError: a file outside the folder, a model that MuJoCo does not load or that is far
             too large, or a joint or site that it does not have.
     """
-    path = require_inside(folder, folder / words.mjcf, words.mjcf)
+    path = require_inside(folder, folder / text.mjcf, text.mjcf)
     check_files(path, folder)
-    subject = f"model {words.mjcf}"
+    subject = f"model {text.mjcf}"
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
@@ -185,7 +185,7 @@ def read_model(
             need=f"at most {MOST_BODIES}",
             do="leave out what does not carry the instrument",
         )
-    reader = ModelReader(model, words, subject)
+    reader = ModelReader(model, text, subject)
     return reader.chain(), {name: reader.place(name) for name in sites}
 
 
@@ -217,12 +217,12 @@ class ModelJoint:
 class ModelReader:
     """The links of one compiled model."""
 
-    def __init__(self, model: "mujoco.MjModel", words: ModelWords, subject: str) -> None:
-        self.model, self.words, self.subject = model, words, subject
+    def __init__(self, model: "mujoco.MjModel", text: ModelWords, subject: str) -> None:
+        self.model, self.words, self.subject = model, text, subject
         self.data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self.data)
-        mapped = {self._joint(name, axis): (name, axis) for name, axis in words.axes.items()}
-        if len(mapped) < len(words.axes):
+        mapped = {self._joint(name, axis): (name, axis) for name, axis in text.axes.items()}
+        if len(mapped) < len(text.axes):
             raise self._error("one joint mapped to two axes", "a joint for each axis")
         self.axes = [self._axis(joint, *mapped[joint]) for joint in sorted(mapped)]
 
@@ -255,17 +255,17 @@ class ModelReader:
                 nearest(axis.joint, [n for n in names if n] or ["no joint has a name"]),
             )
         kind = mujoco.mjtJoint(model.jnt_type[number])
-        words = kind.name.removeprefix("mjJNT_").lower()
+        text = kind.name.removeprefix("mjJNT_").lower()
         if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
             raise self._error(
-                f"joint '{axis.joint}' for axis {name}, a {words} joint",
+                f"joint '{axis.joint}' for axis {name}, a {text} joint",
                 "joints that turn about one axis, or slide along it",
                 "leave it out of [rig.axes]: it stays at the model's reference",
             )
         other = "offset_deg" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "offset_mm"
         if getattr(axis, other):
             raise self._error(
-                f"{other} of axis {name}, whose joint is a {words}",
+                f"{other} of axis {name}, whose joint is a {text}",
                 "offset_mm of a slide, offset_deg of a hinge",
             )
         return int(number)
@@ -283,31 +283,31 @@ class ModelReader:
     def _link(self, k: int) -> Link:
         axis = self.axes[k]
         on = self._before(k)
-        place = self._placed(on, axis.start, axis.bearing)
-        words = self.words.axes[axis.name]
+        position = self._placed(on, axis.start, axis.bearing)
+        text = self.words.axes[axis.name]
         return Link(
             axis=axis.name,
-            joint=words.joint,
+            joint=text.joint,
             slides=axis.slides,
-            sign=words.sign,
-            offset_deg=words.offset_deg,
-            offset_mm=words.offset_mm,
+            sign=text.sign,
+            offset_deg=text.offset_deg,
+            offset_mm=text.offset_mm,
             reference_deg=0.0 if axis.slides else float(-np.degrees(axis.zero)),
-            **self._range(axis, words),
+            **self._range(axis, text),
             **self._mass(k),
             **drive_of(self.model, axis.joint),
-            **place,
+            **position,
         )
 
-    def _range(self, axis: ModelJoint, words: ModelAxis) -> dict[str, tuple[float, float]]:
+    def _range(self, axis: ModelJoint, text: ModelAxis) -> dict[str, tuple[float, float]]:
         """Lowest and highest readout within a joint's range, as a ``Link`` has them."""
         if not self.model.jnt_limited[axis.joint]:
             return {}
         ends = self.model.jnt_range[axis.joint]
         if axis.slides:
-            name, readout = "range_mm", words.sign * (ends / MM - words.offset_mm)
+            name, readout = "range_mm", text.sign * (ends / MM - text.offset_mm)
         else:
-            name, readout = "range_deg", words.sign * (np.degrees(ends) - words.offset_deg)
+            name, readout = "range_deg", text.sign * (np.degrees(ends) - text.offset_deg)
         return {name: (float(readout.min()), float(readout.max()))}
 
     def _placed(self, on: int, origin: Array, R: Array) -> dict[str, Any]:
@@ -354,11 +354,11 @@ class ModelReader:
             inertia += frame @ np.diag(self.model.body_inertia[body]) @ frame.T
             inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
         turned = axis.R.T @ inertia @ axis.R
-        places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+        positions = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
         return {
             "mass_kg": total,
             "centre_m": tuple(map(float, axis.R.T @ (centre - axis.origin))),
-            "inertia_kg_m2": tuple(float(turned[place]) for place in places),
+            "inertia_kg_m2": tuple(float(turned[position]) for position in positions),
         }
 
     def _site(self, name: str) -> tuple[int, Array, Array]:

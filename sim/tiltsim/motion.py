@@ -61,12 +61,12 @@ def _one_mounting(
         if isinstance(e, AngleEffect | FrameEffect) and e.address not in drive.realised
     ]
     springs = [e for e in movers if e.mechanised and _has_spring(e, setup)]
-    rest = [e for e in effects if e not in springs]
-    angles = true_angles(setup, drive, rest, streams)
+    standstill = [e for e in effects if e not in springs]
+    angles = true_angles(setup, drive, standstill, streams)
     builder = RigBuilder(setup, world, mount)
     builder.install_shakes(drive)
-    builder.install_frames(rest, drive, angles, streams)
-    builder.install_offsets(rest)
+    builder.install_frames(standstill, drive, angles, streams)
+    builder.install_offsets(standstill)
     builder.install_mechanisms([m for e in springs for m in e.mechanisms(setup.rig, world.gravity)])
     builder.prescribed.update(angles)
     for name, deflection in drive.structure.items():
@@ -194,16 +194,16 @@ def _settle(
     Returns the generalised force that holds everything else still.
     """
     dofs = [rig.dof(name) for name in rig.springs]
-    places = [rig.position(name) for name in rig.springs]
+    positions = [rig.position(name) for name in rig.springs]
     stiffness = np.array(list(rig.springs.values()))
-    relaxed = rig.model.qpos_spring[places]
+    relaxed = rig.model.qpos_spring[positions]
     for _ in range(5):
         weight = -runner.still(q, np.zeros_like(v), "qfrc_bias")[:, dofs]
         load = weight
         if rig.inertial:  # to the last digit the weight where nothing moves
             moving = (v != 0).any(axis=1) | (a != 0).any(axis=1)
             load = np.where(moving[:, None], runner.load(q, v, a, dofs), weight)
-        q[:, places] = relaxed + load / stiffness
+        q[:, positions] = relaxed + load / stiffness
     if np.any(v):
         # a deflection that changes turns the instrument: its rate, from the load against time
         other = load
@@ -227,8 +227,8 @@ def _second_differences(
     """Accelerations by the angles alone, (n, nv), where there are any."""
     found = a.copy()
     for dof in np.flatnonzero(a.any(axis=0)):
-        place = rig.model.jnt_qposadr[rig.model.dof_jntid[dof]]
-        found[:, dof] = np.asarray(sampled_jet(time, q[which, place]).a)[first]
+        position = rig.model.jnt_qposadr[rig.model.dof_jntid[dof]]
+        found[:, dof] = np.asarray(sampled_jet(time, q[which, position]).a)[first]
     return found
 
 
@@ -248,8 +248,8 @@ def _body_frame(rig: Rig, data: Array, world: World) -> tuple[Array, ...]:
         rate += to_body.of(world.earth)
     if np.any(world.coriolis) and rig.displaced:
         earth = to_body.of(world.coriolis)
-        place = to_body.of(sensor("place") - rig.centre)
-        force += 2 * np.cross(earth, sensor("speed")) + np.cross(earth, np.cross(earth, place))
+        position = to_body.of(sensor("place") - rig.centre)
+        force += 2 * np.cross(earth, sensor("speed")) + np.cross(earth, np.cross(earth, position))
     return force, rate, up, to_body.of(np.array([0.0, 1.0, 0.0])), to_body.of(sensor("spin"))
 
 

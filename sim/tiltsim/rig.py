@@ -67,8 +67,8 @@ def mjcf_of(chain: Chain) -> str:
 
 def _link(parent: Element, link: Link) -> Element:
     """A link on its parent: its place, its bearing, and what moves."""
-    place = _body(parent, f"{link.axis}_place", SMALLEST, link)
-    body = SubElement(_body(place, bearing(link.axis), SMALLEST), "body", name=link.axis)
+    position = _body(parent, f"{link.axis}_place", SMALLEST, link)
+    body = SubElement(_body(position, bearing(link.axis), SMALLEST), "body", name=link.axis)
     kind = "slide" if link.slides else "hinge"
     joint = SubElement(body, "joint", name=link.axis, type=kind, axis="0 0 1")
     joint.set("armature", repr(link.armature_kg_m2))
@@ -81,9 +81,9 @@ def _link(parent: Element, link: Link) -> Element:
     return body
 
 
-def _instrument(parent: Element, place: LinkFrame) -> None:
+def _instrument(parent: Element, position: LinkFrame) -> None:
     """The mount behind the instrument's place, with the hinges of its compliance."""
-    inner = _body(_body(parent, "instrument_place", LIGHT, place), "mount", LIGHT)
+    inner = _body(_body(parent, "instrument_place", LIGHT, position), "mount", LIGHT)
     for axis, along in zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), strict=True):
         name = f"bend_{axis}"
         inner = _body(inner, name, LIGHT)
@@ -91,12 +91,12 @@ def _instrument(parent: Element, place: LinkFrame) -> None:
     SubElement(inner, "include", file="instrument.xml")
 
 
-def _body(parent: Element, name: str, mass: float, place: LinkFrame | None = None) -> Element:
+def _body(parent: Element, name: str, mass: float, position: LinkFrame | None = None) -> Element:
     """A body that only holds others, where a place says."""
     body = SubElement(parent, "body", name=name)
-    if place is not None:
-        body.set("pos", _numbers(place.offset_m))
-        body.set("quat", _numbers(place.rotation))
+    if position is not None:
+        body.set("pos", _numbers(position.offset_m))
+        body.set("quat", _numbers(position.rotation))
     inertia = _numbers([mass * 0.1] * 3)
     SubElement(body, "inertial", pos="0 0 0", mass=repr(mass), diaginertia=inertia)
     return body

@@ -35,7 +35,7 @@ NO_GL = (
 def table_scene(setup: Setup, drive: Drive) -> Scene:
     """Boxes and cylinders of the model along a drive; other shapes are left out."""
     solids: list[Solid] = []
-    places: list[Array] = []
+    positions: list[Array] = []
     turns: list[Array] = []
     for rig, states in _mountings(setup, drive):
         model, data = rig.model, mujoco.MjData(rig.model)
@@ -44,9 +44,9 @@ def table_scene(setup: Setup, drive: Drive) -> Scene:
         for state in states:
             data.qpos[:] = state
             mujoco.mj_kinematics(model, data)
-            places.append(data.geom_xpos[shown] - rig.centre)
+            positions.append(data.geom_xpos[shown] - rig.centre)
             turns.append(data.geom_xmat[shown].reshape(-1, 3, 3).copy())
-    return Scene(solids, np.array(places), np.array(turns))
+    return Scene(solids, np.array(positions), np.array(turns))
 
 
 def table_pictures(setup: Setup, drive: Drive, width: int, height: int) -> Iterator[bytes]:

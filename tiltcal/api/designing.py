@@ -65,12 +65,12 @@ class DesignedSequence(Tabular):
         """Write design.toml, steps.csv, steps.txt, segments.csv, design.json and report.html to a
         folder.
         """
-        place = make_folder(Path(folder))
-        write_plan(self.plan, self.scenario, self.up, place)
+        path = make_folder(Path(folder))
+        write_plan(self.plan, self.scenario, self.up, path)
         poses = poses_of_plan(self.plan, self.up, self.scenario)
         table = table_in(poses, self.scenario)
         title, missing = self.scenario.name, self._missing()
-        write_design(self.plan, place / "report.html", title, poses, table, missing)
+        write_design(self.plan, path / "report.html", title, poses, table, missing)
 
     def _missing(self) -> list[str]:
         """What no pose shows or separates, a sentence each."""
@@ -106,6 +106,6 @@ def designed(
         TiltcalError: no set of poses within the limits tells a wanted term.
     """
     still = Still(scenario.seen_by(sensor), problem.clock.budget)
-    untold = check_possible(problem, still.axes, everything)
+    undetermined = check_possible(problem, still.axes, everything)
     plan = find_plan(problem, still.scenario.rig.kind, seed, notice=progress, engine=engine)
-    return DesignedSequence(plan, scenario, still.up(plan.angles), unseen, untold)
+    return DesignedSequence(plan, scenario, still.up(plan.angles), unseen, undetermined)

@@ -96,8 +96,8 @@ def _with_suspicion(
 ) -> finding.Diagnosis:
     """A diagnosis whose statement begins with what is wrong with the stated table, if anything."""
     suspicions = dict.fromkeys(suspected_rig(recording, scenario) for recording in recordings)
-    words = [f"{text[0].upper()}{text[1:]}." for text in suspicions if text]
-    return replace(found, statement=" ".join([*words, found.statement])) if words else found
+    texts = [f"{text[0].upper()}{text[1:]}." for text in suspicions if text]
+    return replace(found, statement=" ".join([*texts, found.statement])) if texts else found
 
 
 def write_results(

@@ -31,9 +31,9 @@ def read(
     Raises:
         TiltcalError: a file is missing, or its content is no recording.
     """
-    words = None if mapping is None else load_mapping(Path(mapping))
+    text = None if mapping is None else load_mapping(Path(mapping))
     found = tuple(
-        read_log_or_means(path) if words is None else import_recording(path, words)
+        read_log_or_means(path) if text is None else import_recording(path, text)
         for path in (file, *more)
     )
     return found if more else found[0]

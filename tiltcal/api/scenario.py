@@ -150,8 +150,8 @@ class Scenario(laboratory.Scenario):
         Raises:
             TiltcalError: a column is missing, or the scenario holds the concealed truth.
         """
-        honest = require_honest(self, f"scenario {self.name}")
-        return explain(honest, _several(recordings), static, progress)
+        nominal = require_honest(self, f"scenario {self.name}")
+        return explain(nominal, _several(recordings), static, progress)
 
     def design(
         self,

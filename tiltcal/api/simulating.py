@@ -95,12 +95,12 @@ def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:
     return truth
 
 
-def _readout(table: Table, places: Mapping[str, float]) -> dict[str, dict[str, float]]:
+def _readout(table: Table, positions: Mapping[str, float]) -> dict[str, dict[str, float]]:
     """Places of the axes, rad or m, as ``readout_<unit>`` by axis."""
     found: dict[str, dict[str, float]] = {"readout_deg": {}}
-    for name, place in places.items():
+    for name, position in positions.items():
         of_unit = found.setdefault(f"readout_{table.unit(name)}", {})
-        of_unit[name] = float(place / table.size(name))
+        of_unit[name] = float(position / table.size(name))
     return found
 
 

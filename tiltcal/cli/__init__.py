@@ -77,8 +77,8 @@ def _interrupted() -> int:
     from tiltcal.core.files import remove_temporary
 
     remove_temporary()
-    words = "ended by SIGTERM" if terminated() else "interrupted"
-    print(f"tiltcal: {words}; no partial output is left", file=sys.stderr)
+    text = "ended by SIGTERM" if terminated() else "interrupted"
+    print(f"tiltcal: {text}; no partial output is left", file=sys.stderr)
     return TERMINATED if terminated() else INTERRUPTED
 
 

@@ -62,8 +62,8 @@ def make_app() -> App:
         suppress_keyboard_interrupt=False,
     )
     order = list(COMMANDS)
-    for place, (title, commands) in enumerate(GROUPS.items()):
-        group = Group(title, sort_key=place)
+    for position, (title, commands) in enumerate(GROUPS.items()):
+        group = Group(title, sort_key=position)
         for name, command in commands.items():
             app.command(
                 f"tiltcal.cli.{command.target}",
@@ -92,10 +92,10 @@ def _everywhere(arguments: Sequence[str]) -> tuple[list[str], bool]:
     there. Nothing after ``--`` is touched.
     """
     end = list(arguments).index("--") if "--" in arguments else len(arguments)
-    words = [word for word in arguments[:end] if word != QUIET]
-    before = list(takewhile(lambda word: word == JSON, words))
-    words = [*words[len(before) : len(before) + 1], *before, *words[len(before) + 1 :]]
-    return [*words, *arguments[end:]], QUIET in arguments[:end]
+    texts = [argument for argument in arguments[:end] if argument != QUIET]
+    before = list(takewhile(lambda argument: argument == JSON, texts))
+    texts = [*texts[len(before) : len(before) + 1], *before, *texts[len(before) + 1 :]]
+    return [*texts, *arguments[end:]], QUIET in arguments[:end]
 
 
 def _run(arguments: Sequence[str]) -> int:

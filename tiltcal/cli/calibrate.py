@@ -106,18 +106,18 @@ def calibrate(
 def parse_options(words: tuple[str, ...]) -> dict[str, Any]:
     """``("terms=9", "estimator=median")`` -> values as TOML reads them, otherwise text."""
     options: dict[str, Any] = {}
-    for word in words:
-        key, equals, value = word.partition("=")
+    for argument in words:
+        key, equals, value = argument.partition("=")
         if not equals or not key:
             raise TiltcalError(
-                f"--option {word}",
+                f"--option {argument}",
                 found="no KEY=VALUE",
                 need="for example terms=9",
                 do="correct it",
             )
         if key == "segments":
             raise TiltcalError(
-                f"--option {word}",
+                f"--option {argument}",
                 found="segments",
                 need="a file of them",
                 do="use --segments SEG.csv",

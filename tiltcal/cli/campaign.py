@@ -198,7 +198,7 @@ def sweep(
     Exit status: 0 all runs are made, those without a result are named; 2 unusable input.
     """
     budget.apply()
-    factors = [_range(words, "effect.") for words in effect] + [_range(words) for words in field]
+    factors = [_range(text, "effect.") for text in effect] + [_range(text) for text in field]
     if not factors:
         raise TiltcalError(
             "command line of `tiltcal sweep`",
@@ -244,10 +244,10 @@ def merge(
 
     Exit status: 0 merged, and runs that are missing are counted; 2 unusable input.
     """
-    place = CampaignFiles.of(output)
-    with place.claimed(), place.whole_or_not_at_all():
-        found = merged([CampaignFiles.of(part) for part in parts], place)
-        return _finished(found, place, as_json)
+    files = CampaignFiles.of(output)
+    with files.claimed(), files.whole_or_not_at_all():
+        found = merged([CampaignFiles.of(part) for part in parts], files)
+        return _finished(found, files, as_json)
 
 
 def _made(
@@ -264,18 +264,18 @@ def _made(
     require_countable(found)
     require_allowed(found, allow_commands)
     check_levels(found)
-    place = CampaignFiles.of(output)
-    with place.claimed():
-        with place.journal() as journal:
-            write_campaign(found, place)
+    files = CampaignFiles.of(output)
+    with files.claimed():
+        with files.journal() as journal:
+            write_campaign(found, files)
             if again:
                 forget_faults(found, journal)
             with progress_line() as progress, open_engine(engine, jobs) as opened:
                 made = make_runs(
                     found, shard, journal, opened, limits, simulator, progress, _load_libraries
                 )
-        known = None if made or again else known_summary(found, place)
-        return _shown(known, place, as_json) if known else _finished(found, place, as_json)
+        known = None if made or again else known_summary(found, files)
+        return _shown(known, files, as_json) if known else _finished(found, files, as_json)
 
 
 def _load_libraries() -> None:
@@ -285,34 +285,34 @@ def _load_libraries() -> None:
     importlib.import_module("pyarrow").array([0.0])  # imports pandas, where it is installed
 
 
-def _finished(found: Campaign, place: CampaignFiles, as_json: bool) -> int:
+def _finished(found: Campaign, files: CampaignFiles, as_json: bool) -> int:
     """Write what the journal has, and print it."""
     from tiltcal.report.campaign import write_campaign_report
     from tiltcal.validation.campaign.summary import summary_of
 
-    with place.journal() as journal:
+    with files.journal() as journal:
         results = Results(found, journal)
-        write_results(results, place.results)
+        write_results(results, files.results)
         summary = summary_of(results)
-        write_json(place.beside(".summary.json"), summary)
-        write_campaign_report(results, summary, place.beside(".html"))
-    return _shown(summary, place, as_json)
+        write_json(files.beside(".summary.json"), summary)
+        write_campaign_report(results, summary, files.beside(".html"))
+    return _shown(summary, files, as_json)
 
 
-def _shown(summary: dict[str, Any], place: CampaignFiles, as_json: bool) -> int:
+def _shown(summary: dict[str, Any], files: CampaignFiles, as_json: bool) -> int:
     """Print a summary, and return the exit status."""
     if as_json:
         print_json(summary)
         return 0
     print_summary(summary)
-    for name in (place.results, place.beside(".summary.json"), place.beside(".html")):
+    for name in (files.results, files.beside(".summary.json"), files.beside(".html")):
         say(f"written: {name}")
     return 0
 
 
-def _range(words: str, prefix: str = "") -> Factor:
+def _range(message: str, prefix: str = "") -> Factor:
     """A factor from ``PATH=START:STOP:COUNT``."""
-    path, _, text = words.partition("=")
+    path, _, text = message.partition("=")
     try:
         start, stop, count = text.split(":")
         found: dict[str, Any] = {"start": float(start), "stop": float(stop), "count": int(count)}
@@ -320,7 +320,7 @@ def _range(words: str, prefix: str = "") -> Factor:
     except ValueError as error:
         raise TiltcalError(
             "command line of `tiltcal sweep`",
-            found=words,
+            found=message,
             need="PATH=START:STOP:COUNT",
             do="write acc_K2.k2_x_ug_g2=0:3000:5 for 5 values from 0 to 3000",
         ) from error

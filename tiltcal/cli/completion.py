@@ -29,11 +29,11 @@ def completion(
 
     app = make_app()
     if install:
-        place = app.install_completion(shell=shell)
+        position = app.install_completion(shell=shell)
         if as_json:
-            print_json({"shell": shell, "file": str(place)})
+            print_json({"shell": shell, "file": str(position)})
         else:
-            tell(f"{place}: written; it applies to new shells")
+            tell(f"{position}: written; it applies to new shells")
         return 0
     script = app.generate_completion(shell=shell)
     if as_json:

@@ -214,16 +214,16 @@ def find(out: Path, seed: int) -> tuple[dict[str, Any], dict[str, Any]]:
     truth = {**bench(), "role": "concealed", "effect": [*ordinary(rng), hidden]}
     with progress_line() as progress:
         recording = simulator(progress).record(parse_scenario(truth, "concealed.toml"), seed)
-    place = make_folder(out / "diagnosis")
-    write_recording(recording, place / "recording.csv")
+    folder = make_folder(out / "diagnosis")
+    write_recording(recording, folder / "recording.csv")
     write_text(
-        place / "scenario.toml",
+        folder / "scenario.toml",
         tomli_w.dumps({k: v for k, v in bench().items() if k not in ("sequence", "climate")}),
     )
     with redirect_stdout(sys.stderr):  # stdout is for the tables
-        diagnose((place / "recording.csv",), scenario=place / "scenario.toml", output=place)
+        diagnose((folder / "recording.csv",), scenario=folder / "scenario.toml", output=folder)
     write_text(out / "concealed.toml", tomli_w.dumps(truth))
-    return hidden, json.loads((place / "diagnosis.json").read_text(encoding="utf-8"))
+    return hidden, json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
 
 
 def show(found: tuple[dict[str, Any], dict[str, Any]], out: Path, seed: int) -> None:
@@ -250,7 +250,7 @@ def show(found: tuple[dict[str, Any], dict[str, Any]], out: Path, seed: int) -> 
     }
     print_table(
         ["fit", "before", "after"],
-        [[words, _figure(before[k]), _figure(after[k])] for k, words in names.items()],
+        [[text, _figure(before[k]), _figure(after[k])] for k, text in names.items()],
     )
     paragraph(f"{answer['verdict']}: {answer['statement']}")
     say(f"report of the diagnosis: {out / 'diagnosis' / 'report.html'}")

@@ -126,8 +126,8 @@ def design(
         if output:
             found.save(output)
     if as_json:
-        untold = list(found.inseparable)
-        print_json(found.plan.to_json() | {"unseen": list(unseen), "untold": untold})
+        undetermined = list(found.inseparable)
+        print_json(found.plan.to_json() | {"unseen": list(unseen), "untold": undetermined})
     else:
         show(found)
     return 0

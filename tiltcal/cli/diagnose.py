@@ -39,14 +39,14 @@ def diagnose(
       tiltcal diagnose run.csv --scenario out/amended.toml --check
     """
     allowed.apply()
-    honest = honest_scenario(scenario)
+    nominal = honest_scenario(scenario)
     with claimed(output):
         with progress_line() as progress:
-            data = [read_for_diagnosis(path, honest, progress) for path in recordings]
+            data = [read_for_diagnosis(path, nominal, progress) for path in recordings]
             at_rest = read_static(static) if static else None
-            found = explain(honest, data, at_rest, progress)
+            found = explain(nominal, data, at_rest, progress)
         if output:
-            write_results(found, output, honest, found.recordings, recordings)
+            write_results(found, output, nominal, found.recordings, recordings)
     if as_json:
         print_json(results_json(found, recordings))
     else:

@@ -52,13 +52,13 @@ def effects(
 
 def _parameters(cls: type[Effect]) -> str:
     axes = {"{axis}": "<axis>", "{pair}": "<ij>", "{matrix}": "<ij>"}
-    words = []
+    arguments = []
     for p in cls.parameters:
         name = p.name
         for token, shown in axes.items():
             name = name.replace(token, shown)
-        words.append(f"{name}_{p.unit}")
-    return ", ".join(words[:4]) + (f" ... ({len(words)})" if len(words) > 4 else "")
+        arguments.append(f"{name}_{p.unit}")
+    return ", ".join(arguments[:4]) + (f" ... ({len(arguments)})" if len(arguments) > 4 else "")
 
 
 def _as_json(cls: type[Effect]) -> dict[str, object]:

@@ -58,7 +58,7 @@ def estimate(
     if as_json:
         print_json({"output": str(output), "last": last, "answered": answered, "sample_s": seconds})
     else:
-        words = ", ".join(f"{name} {value:.6g}" for name, value in last.items())
+        text = ", ".join(f"{name} {value:.6g}" for name, value in last.items())
         tell(f"{output}: {len(recording)} samples, answered {answered:.1%}")
-        paragraph(f"last answer: {words}")
+        paragraph(f"last answer: {text}")
     return 0

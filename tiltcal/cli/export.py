@@ -128,8 +128,8 @@ def _of_effects(file: Path) -> str:
         raise _wrong("sysid", file, "a scenario with effects", "give amended.toml of a diagnosis")
     text, left_out = to_sysid(load_scenario(file))
     if left_out:
-        words = ", ".join(f"{address} ({why})" for address, why in left_out.items())
-        tell(f"left out, no parameter of a model: {words}")
+        message = ", ".join(f"{address} ({why})" for address, why in left_out.items())
+        tell(f"left out, no parameter of a model: {message}")
     return text
 
 

@@ -91,8 +91,8 @@ def import_log(
             need="a mapping file and a file to write",
             do="add it; `tiltcal import FILE --propose` writes a mapping",
         )
-    words = _with_repairs(load_mapping(mapping), repair)
-    imported = import_file(file, words, budget)
+    text = _with_repairs(load_mapping(mapping), repair)
+    imported = import_file(file, text, budget)
     if output.suffix == ".mcap":
         write_mcap(imported.recording, output)
     else:
@@ -168,13 +168,13 @@ def _tell(imported: Imported, output: Path) -> None:
     recording = imported.recording
     channels = len(recording.column_names)
     tell(f"{output}: {len(recording)} rows, {channels} channels")
-    for words in imported.repairs:
-        tell(f"repaired: {words}")
+    for text in imported.repairs:
+        tell(f"repaired: {text}")
     for finding in imported.findings:
         tell(f"found: {_words(finding, imported.repairs)}")
 
 
 def _words(finding: Finding, repairs: Sequence[str]) -> str:
-    done = any(words.startswith(f"{finding.repair}:") for words in repairs)
+    done = any(text.startswith(f"{finding.repair}:") for text in repairs)
     offer = f"; --repair {finding.repair}" if finding.repair and not done else ""
     return finding.statement + offer

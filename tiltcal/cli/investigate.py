@@ -85,15 +85,15 @@ def investigate(
     Exit status: 0 explained; 1 not explained within the budget, or not within
     reach of this table; 2 unusable input.
     """
-    honest = honest_scenario(scenario)
+    nominal = honest_scenario(scenario)
     laboratory = CommandLaboratory.parse(lab)
     given = [str(require_file(path, "recording").absolute()) for path in recordings]
     opened = shared_engine(engine, jobs)
     with claimed(output), progress_line() as progress, opened as judging:
         bench = InvestigationSetup(
-            honest,
+            nominal,
             output,
-            _explainer(honest, progress),
+            _explainer(nominal, progress),
             laboratory,
             block_limits(limits),
             blocks,
@@ -101,7 +101,7 @@ def investigate(
             judging,
         )
         state = run_investigation(bench, given, progress, resume)
-        _report(state, honest, output)
+        _report(state, nominal, output)
     _show(state, output, as_json)
     return 0 if state.explained else 1
 
@@ -109,10 +109,10 @@ def investigate(
 def _explainer(scenario: Scenario, progress: Progress) -> Callable[[Sequence[Path], Path], None]:
     """A function that diagnoses recordings and writes the results to a folder."""
 
-    def diagnose_files(files: Sequence[Path], place: Path) -> None:
+    def diagnose_files(files: Sequence[Path], folder: Path) -> None:
         data = [read_recording(path) for path in files]
         found = explain(scenario, data, progress=progress)
-        write_results(found, place, scenario, data, files)
+        write_results(found, folder, scenario, data, files)
 
     return diagnose_files
 

@@ -192,14 +192,14 @@ def _print_as_lists(cells: Sequence[Sequence[str]], title: str | None) -> None:
 
 def paragraph(text: str, indent: str = "    ") -> None:
     """Print words on stdout, wrapped to the width; further lines are indented."""
-    words = fill(
+    message = fill(
         plain(text),
         line_width(),
         subsequent_indent=indent,
         break_long_words=False,
         break_on_hyphens=False,
     )
-    sys.stdout.write(words + "\n")
+    sys.stdout.write(message + "\n")
 
 
 class _Lines:

@@ -96,19 +96,19 @@ def prove(
             need="a folder that all workers share",
             do="add -o",
         )
-    words = ["--n", f"{n}", "--seed", f"{seed}", "--shard", shard]
-    words += ["--kinds", *kinds] if kinds else []
-    words += ["--output", str(output.absolute())] if output else []
-    words += ["--json"] if as_json else []
+    arguments = ["--n", f"{n}", "--seed", f"{seed}", "--shard", shard]
+    arguments += ["--kinds", *kinds] if kinds else []
+    arguments += ["--output", str(output.absolute())] if output else []
+    arguments += ["--json"] if as_json else []
     if investigate:
         _refuse_besides({"--types": types, "--authors": authors, "--benchmark": benchmark})
-        words += ["--command", diagnoser] if diagnoser else []
-        return _run("blind.loop", words, tests, engine, jobs)
-    words += ["--types", *types] if types else []
-    words += ["--authors", *authors] if authors else []
-    words += ["--benchmark"] if benchmark else []
-    words += ["--diagnoser", diagnoser] if diagnoser else []
-    return _run("blind.__main__", words, tests, engine, jobs)
+        arguments += ["--command", diagnoser] if diagnoser else []
+        return _run("blind.loop", arguments, tests, engine, jobs)
+    arguments += ["--types", *types] if types else []
+    arguments += ["--authors", *authors] if authors else []
+    arguments += ["--benchmark"] if benchmark else []
+    arguments += ["--diagnoser", diagnoser] if diagnoser else []
+    return _run("blind.__main__", arguments, tests, engine, jobs)
 
 
 def _tests_folder(trials: Path | None) -> Path:
@@ -139,7 +139,7 @@ def _refuse_besides(options: dict[str, Any]) -> None:
         )
 
 
-def _run(module: str, words: Sequence[str], tests: Path, engine: str, jobs: int) -> int:
+def _run(module: str, arguments: Sequence[str], tests: Path, engine: str, jobs: int) -> int:
     """Run a program of the trials, its calls spread over an engine; the exit status."""
     with _importable(tests), open_engine(engine, jobs) as opened:
         program: Any = importlib.import_module(module)
@@ -148,7 +148,7 @@ def _run(module: str, words: Sequence[str], tests: Path, engine: str, jobs: int)
             return values_as_made(function, calls, opened)
 
         try:
-            status: int = program.main(words, spread)
+            status: int = program.main(arguments, spread)
         except SystemExit as error:  # of its argument parser, which has said why
             return int(error.code or 0)
         return status

@@ -238,8 +238,8 @@ def _check_output(output: Path | None) -> None:
     """
     if output is None:
         return
-    place = output.absolute()
-    existing = next(p for p in (place, *place.parents) if p.exists())
+    position = output.absolute()
+    existing = next(p for p in (position, *position.parents) if p.exists())
     if not existing.is_dir():
         raise TiltcalError(
             f"output {output}", found=f"the file {existing}", need="a folder", do="choose another"

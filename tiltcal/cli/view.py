@@ -58,12 +58,12 @@ class Shown:
     def labels(self) -> list[str]:
         """Time and angles at each instant."""
         table = self.setup.rig.kind
-        places = {
+        positions = {
             f"{name} {{:.1f}}{unit_sign(table.unit(name))}": np.asarray(jet.x) / table.size(name)
             for name, jet in self.drive.axes.items()
         }
         return [
-            ", ".join([f"{t:.1f} s", *(said.format(a[k]) for said, a in places.items())])
+            ", ".join([f"{t:.1f} s", *(message.format(a[k]) for message, a in positions.items())])
             for k, t in enumerate(self.drive.elapsed)
         ]
 

@@ -12,9 +12,9 @@ def folder(name: str) -> Path:
         TiltcalError: it is in neither place.
     """
     package = Path(__file__).resolve().parents[1]
-    for place in (package / name, package.parent / name):
-        if place.is_dir():
-            return place
+    for position in (package / name, package.parent / name):
+        if position.is_dir():
+            return position
     raise TiltcalError(
         f"installation in {package}",
         found=f"no folder '{name}'",
@@ -27,5 +27,5 @@ def beside(name: str) -> Path | None:
     """A folder of the source checkout this package runs from; None where it is installed by
     itself.
     """
-    place = Path(__file__).resolve().parents[2] / name
-    return place if place.is_dir() else None
+    folder = Path(__file__).resolve().parents[2] / name
+    return folder if folder.is_dir() else None

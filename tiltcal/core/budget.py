@@ -113,12 +113,12 @@ def require_within(
 
 def _amounts(rows: float, size: float, seconds: float) -> str:
     """What the work would be, in words."""
-    words = [f"{rows:.4g} rows"] if rows else []
+    text = [f"{rows:.4g} rows"] if rows else []
     if size:
-        words.append(f"{size:.4g} bytes ({size / 2**30:.3g} GiB)")
+        text.append(f"{size:.4g} bytes ({size / 2**30:.3g} GiB)")
     if seconds:
-        words.append(f"about {seconds / 3600:.3g} h")
-    return ", ".join(words)
+        text.append(f"about {seconds / 3600:.3g} h")
+    return ", ".join(text)
 
 
 def _stated(name: str, default: float) -> float:

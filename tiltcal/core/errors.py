@@ -38,11 +38,11 @@ def shown(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def one_of(word: str, valid: Collection[str], subject: str, what: str = "") -> str:
-    """``word`` when it is valid.
+def one_of(token: str, valid: Collection[str], subject: str, what: str = "") -> str:
+    """``token`` when it is valid.
 
     Args:
-        word: as the user wrote it.
+        token: as the user wrote it.
         valid: what may stand there.
         subject: where it stands.
         what: what kind of word it is, when the subject does not say so.
@@ -50,28 +50,28 @@ def one_of(word: str, valid: Collection[str], subject: str, what: str = "") -> s
     Raises:
         TiltcalError: it is none of them.
     """
-    if word not in valid:
-        close = _near(word, list(valid))
+    if token not in valid:
+        close = _near(token, list(valid))
         raise TiltcalError(
             subject,
-            found=f"{what} '{word}'".strip(),
+            found=f"{what} '{token}'".strip(),
             need="one of " + ", ".join(valid),
             do=f"did you mean '{close[0]}'?" if close else "correct it",
         )
-    return word
+    return token
 
 
-def nearest(word: str, valid: list[str]) -> str:
+def nearest(token: str, valid: list[str]) -> str:
     """A hint ``did you mean ...`` with the nearest valid word, or the list of all when none is
     near.
     """
-    close = _near(word, valid)
+    close = _near(token, valid)
     return f"did you mean '{close[0]}'?" if close else "valid are " + ", ".join(sorted(valid))
 
 
-def _near(word: str, valid: list[str]) -> list[str]:
+def _near(token: str, valid: list[str]) -> list[str]:
     import difflib
 
-    close = difflib.get_close_matches(word, valid, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(token, valid, n=1, cutoff=0.5)
     # a word's beginning often survives
-    return close or [v for v in valid if word[:4] and v.startswith(word[:4])][:1]
+    return close or [v for v in valid if token[:4] and v.startswith(token[:4])][:1]

@@ -43,20 +43,20 @@ def parse_mount(text: str) -> Array:
         TiltcalError: the text is neither.
     """
     R = np.eye(3)
-    rest = text.strip()
-    if rest in ("", "identity"):
+    standstill = text.strip()
+    if standstill in ("", "identity"):
         return R
-    while rest:
-        match = _MOUNT.match(rest)
+    while standstill:
+        match = _MOUNT.match(standstill)
         if match is None:
             raise TiltcalError(
                 f"mount '{text}'",
-                found=f"'{rest}'",
+                found=f"'{standstill}'",
                 need="identity or factors such as Rz(180)",
                 do="correct it",
             )
         R = R @ _exact_quarter_turn(match.group(1), float(match.group(2)))
-        rest = rest[match.end() :]
+        standstill = standstill[match.end() :]
     return R
 
 

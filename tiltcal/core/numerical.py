@@ -29,7 +29,7 @@ def determining(subject: str, what: str) -> Iterator[None]:
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise undetermined(subject, what, str(error)) from error
     except ValueError as error:
-        if not any(words in str(error).lower() for words in NOT_FINITE):
+        if not any(text in str(error).lower() for text in NOT_FINITE):
             raise
         raise undetermined(subject, what, "numbers that are not finite") from error
 

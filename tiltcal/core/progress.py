@@ -11,7 +11,7 @@ Part = Callable[[float], None]
 """Is told what part of some work is done, 0 to 1."""
 
 
-def silent(words: str) -> None:
+def silent(text: str) -> None:
     """Tell nobody."""
 
 
@@ -117,9 +117,9 @@ class Stages:
 
     def _tell(self) -> None:
         name = self._names[self._stage]
-        words = f"{name} ({self._detail})" if self._detail else name
+        text = f"{name} ({self._detail})" if self._detail else name
         left = self._left()
-        self._progress(words if left is None else f"{words}: {left}")
+        self._progress(text if left is None else f"{text}: {left}")
 
     def _left(self) -> str | None:
         """Time left in words; None while there is nothing to extrapolate from."""
@@ -134,8 +134,8 @@ class Stages:
         if not before:
             return None
         pace = (self._began - self._start) / before
-        rest = pace * here - (now - self._began)
-        if rest >= 0:
-            return f"about {duration(rest + pace * after)} left"
+        standstill = pace * here - (now - self._began)
+        if standstill >= 0:
+            return f"about {duration(standstill + pace * after)} left"
         pace = (now - self._start) / (before + here)
         return f"{duration(max(pace * after, 1.0))} or more left"

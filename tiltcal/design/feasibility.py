@@ -50,11 +50,13 @@ def check_possible(
     held = _untold(problem, every_pose(problem, limited=True))
     if len(held):
         where = needed_pose(problem, int(held[0]))
-        said = ", ".join(f"{name} {a / DEG:+.0f} deg" for name, a in zip(axes, where, strict=True))
+        message = ", ".join(
+            f"{name} {a / DEG:+.0f} deg" for name, a in zip(axes, where, strict=True)
+        )
         _refuse(
             model.names[held[0]],
             len(held),
-            f"within the allowed angles nothing tells it; it needs poses such as {said}",
+            f"within the allowed angles nothing tells it; it needs poses such as {message}",
             "widen --angles",
         )
     return ()

@@ -246,8 +246,8 @@ def reference_scenario(id: str) -> Scenario:
 
     paths = sorted(folder("scenarios").glob("catalogue_*.toml"))
     scenarios = [load_scenario(path) for path in paths]
-    place = {i: (c.stage, c.kinds) for i, c in CATALOGUE.items()}
-    alike = {i for i in place if id in place and place[i] == place[id]}
+    position = {i: (c.stage, c.kinds) for i, c in CATALOGUE.items()}
+    alike = {i for i in position if id in position and position[i] == position[id]}
     for ids in ({id}, alike):
         for scenario in scenarios:
             if any(t.id in ids for t in scenario.effect):

@@ -81,9 +81,9 @@ class TableLimits:
         """Rates of a step, so many times the usual ones."""
         return {"rate_deg_s": times * self.rate, "rate_mm_s": times * self.slide_rate}
 
-    def moved(self, places: Mapping[str, float]) -> dict[str, float]:
+    def moved(self, positions: Mapping[str, float]) -> dict[str, float]:
         """Where a step moves axes to: keys of a sequence, of places by axis."""
-        return {self.rig.kind.key(axis): place for axis, place in places.items()}
+        return {self.rig.kind.key(axis): position for axis, position in positions.items()}
 
     def round_trip(self, axis: str) -> bool:
         """Whether an axis may go round."""
@@ -161,8 +161,8 @@ def _of_axis(table: TableLimits, axis: str) -> Iterator[Block]:
 
         def block(kind: str, moves: Sequence[tuple[float, float, float]], more: str = "") -> Block:
             go = [
-                {**table.moved({axis: place}), **table.rates(times), "dwell_s": dwell}
-                for place, times, dwell in moves
+                {**table.moved({axis: position}), **table.rates(times), "dwell_s": dwell}
+                for position, times, dwell in moves
             ]
             go[0] |= at  # noqa: B023
             steps = tuple(Step.model_validate({"action": "move", **g}) for g in go)
@@ -189,12 +189,12 @@ def _elsewhere(table: TableLimits, axis: str) -> list[dict[str, float]]:
     others = [n for n in table.rig.axis_names if n != axis and n in table.reach]
     if not others:
         return [{}]
-    places = []
+    positions = []
     for share in (0.0, 0.25):
-        places.append(
+        positions.append(
             {n: table.reach[n][0] + share * (table.reach[n][1] - table.reach[n][0]) for n in others}
         )
-    return places
+    return positions
 
 
 def _spread(table: TableLimits) -> list[tuple[float, ...]]:
@@ -234,9 +234,9 @@ def _poses(
 def within(block: Block, table: TableLimits) -> bool:
     """Whether every place of a block is allowed."""
     for step in block.steps:
-        places = step.angles_deg | step.lengths_mm
+        positions = step.angles_deg | step.lengths_mm
         for axis, (low, high) in table.reach.items():
-            place = places.get(axis)
-            if place is not None and not low - 1e-9 <= place <= high + 1e-9:
+            position = positions.get(axis)
+            if position is not None and not low - 1e-9 <= position <= high + 1e-9:
                 return False
     return True

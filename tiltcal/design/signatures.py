@@ -140,8 +140,10 @@ class Field:
 
     def energy(self, terms: Sequence[Array]) -> Array:
         """Energy of each effect that such terms leave at each pose, (n, effects)."""
-        rest = sum((self.E[:, k] - self.F[:, k] @ terms[k]) ** 2 for k in range(self.F.shape[1]))
-        return np.asarray(rest @ self.member)
+        standstill = sum(
+            (self.E[:, k] - self.F[:, k] @ terms[k]) ** 2 for k in range(self.F.shape[1])
+        )
+        return np.asarray(standstill @ self.member)
 
     def left_over(self, weight: Array) -> Array:
         """The same with the terms fitted with these weights to these poses. weight: (n,); the
@@ -239,8 +241,8 @@ def _taken(every: Signatures, allowed: Array) -> set[str]:
     whole = (field.E**2).sum(axis=1).mean(axis=0) @ every.member
     return {
         name
-        for name, rest, all_ in zip(every.names, left, whole, strict=True)
-        if rest <= ORDINARY * all_
+        for name, standstill, all_ in zip(every.names, left, whole, strict=True)
+        if standstill <= ORDINARY * all_
     }
 
 

@@ -33,9 +33,9 @@ def steps_of(plan: Plan, up: Array) -> list[Step]:
     """
     clock = plan.problem.clock
     rate = clock.rate / DEG
-    steps, place = [], np.zeros(plan.angles.shape[1])
+    steps, position = [], np.zeros(plan.angles.shape[1])
     for angles, dwell, direction in zip(plan.angles, plan.dwell, up, strict=True):
-        distance = float(np.abs(angles - place).max())
+        distance = float(np.abs(angles - position).max())
         taken = move_time(distance, clock.rate) if distance > 0 else 0.0
         stay = distance / clock.rate + clock.settle + float(dwell) - taken
         where = {
@@ -51,7 +51,7 @@ def steps_of(plan: Plan, up: Array) -> list[Step]:
                 label=label_of(direction),
             )
         )
-        place = angles
+        position = angles
     return steps
 
 

@@ -155,10 +155,10 @@ def _refuse_unseen(
             do="leave it out, and record what excites it",
         )
     if not any(p.interest for p in found):
-        words = ", ".join(sorted(named)) or "nothing"
+        text = ", ".join(sorted(named)) or "nothing"
         raise TiltcalError(
             f"design, terms of {sensor.name}",
-            found=f"{words}: no parameter that this table's poses show",
+            found=f"{text}: no parameter that this table's poses show",
             need="at least one",
             do="name terms of this sensor (`tiltcal effects` lists them)",
         )

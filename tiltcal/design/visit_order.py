@@ -164,8 +164,8 @@ def energies_in_order(seen: Signatures, ordered: Array, clock: Clock) -> dict[st
         found.setdefault(name, 0.0)
         if change is not None:
             at_rest = change[ON_THE_WAY - 1 :: ON_THE_WAY]
-            rest = [at_rest[:, k] - q @ (q.T @ at_rest[:, k]) for k, q in enumerate(Q)]
-            energy, whole = sum(float(r @ r) for r in rest), float((at_rest**2).sum())
+            standstill = [at_rest[:, k] - q @ (q.T @ at_rest[:, k]) for k, q in enumerate(Q)]
+            energy, whole = sum(float(r @ r) for r in standstill), float((at_rest**2).sum())
             # grows with the turns a table makes: what counts is the share that stays visible
             winds = effect.needs == "pose"
             found[name] += (

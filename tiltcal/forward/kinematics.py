@@ -230,11 +230,11 @@ class _Link:
             target[:] = [component + change[:, i] for i, component in enumerate(target)]
             target[2] = target[2] + own
 
-    def fixed(self, place: LinkFrame) -> None:
+    def fixed(self, position: LinkFrame) -> None:
         """Pass to a frame that is fixed on this link."""
-        self.offset(place.offset)
+        self.offset(position.offset)
         for u in self.carried:
-            u[:] = list(place.R.T @ np.array(u))
+            u[:] = list(position.R.T @ np.array(u))
 
     def turn(self, turn: Turn) -> None:
         """Pass a hinge: all vectors into the frame behind it."""
@@ -273,10 +273,10 @@ class _Link:
     def motion(self, world: World) -> Motion:
         """Add the lever arm, Earth's rate and Coriolis; stack."""
         self.offset(world.lever)
-        force, place = self.force(), np.column_stack(self.place)
-        if np.any(world.coriolis) and (np.any(place) or world.shakes):
+        force, position = self.force(), np.column_stack(self.place)
+        if np.any(world.coriolis) and (np.any(position) or world.shakes):
             earth, speed = self.world(world.coriolis), np.column_stack(self.speed)
-            force = force + 2 * np.cross(earth, speed) + np.cross(earth, np.cross(earth, place))
+            force = force + 2 * np.cross(earth, speed) + np.cross(earth, np.cross(earth, position))
         rate, up, north, spin = (
             np.column_stack(v) for v in (self.rate, self.up, self.north, self.spin)
         )

@@ -106,7 +106,7 @@ class Responses:
             bending = [e for e in beside if isinstance(e, FrameEffect) and e.compliances(rig)]
             more = self._turned(bending, self._loaded((*masses, *effect.masses(rig))))
             less = self._turned(bending, self._loaded(masses))
-            return {place: jet - less[place] for place, jet in more.items()}
+            return {position: jet - less[position] for position, jet in more.items()}
         assert isinstance(effect, FrameEffect)
         return self._turned([effect], self._loaded(masses))
 
@@ -114,8 +114,8 @@ class Responses:
         found: dict[Place, Jet] = {}
         for slot in self.setup.rig.kind.slots:
             for turn in (t for e in effects for t in e.turns(slot, context)):
-                place = (slot, turn.axis)
-                found[place] = found[place] + turn.angle if place in found else turn.angle
+                position = (slot, turn.axis)
+                found[position] = found[position] + turn.angle if position in found else turn.angle
         return found
 
     def _loaded(self, masses: tuple[Mass, ...]) -> Context:
@@ -136,28 +136,28 @@ class Responses:
         """Change of force and rate by small turns, (n, 3) each."""
         n = len(self.drive.time)
         force, rate = np.zeros((n, 3)), np.zeros((n, 3))
-        for place, jet in turns.items():
-            for part, (df, dw) in zip((jet.x, jet.v, jet.a), self.of(place), strict=True):
+        for position, jet in turns.items():
+            for part, (df, dw) in zip((jet.x, jet.v, jet.a), self.of(position), strict=True):
                 if np.any(part):
                     by = np.broadcast_to(np.asarray(part), n)[:, None]
                     force = force if df is None else force + df * by
                     rate = rate if dw is None else rate + dw * by
         return force, rate
 
-    def of(self, place: Place) -> tuple[tuple[Array | None, Array | None], ...]:
+    def of(self, position: Place) -> tuple[tuple[Array | None, Array | None], ...]:
         """Per unit of angle, rate and acceleration: change of force and of rate, (n, 3) each; None
         where there is none.
         """
-        if place not in self._kept:
-            self._kept[place] = tuple(self._probed(place, k) for k in range(3))
-        return self._kept[place]
+        if position not in self._kept:
+            self._kept[position] = tuple(self._probed(position, k) for k in range(3))
+        return self._kept[position]
 
-    def _probed(self, place: Place, which: int) -> tuple[Array | None, Array | None]:
+    def _probed(self, position: Place, which: int) -> tuple[Array | None, Array | None]:
         up, down = (
             force_and_rate(
                 self.setup,
                 self.drive,
-                [_probe(place, [sign * STEP * (k == which) for k in range(3)])],
+                [_probe(position, [sign * STEP * (k == which) for k in range(3)])],
             )
             for sign in (1, -1)
         )
@@ -165,11 +165,11 @@ class Responses:
         return (force if force.any() else None), (rate if rate.any() else None)
 
 
-def _probe(place: Place, jet: Sequence[float]) -> Effect:
+def _probe(position: Place, jet: Sequence[float]) -> Effect:
     small = Jet(*jet)
-    if place[0] == "axis":
-        return replace(_AngleProbe(axis=place[1]), jet=small)
-    return replace(_TurnProbe(), slot=place[0], turn=Turn(place[1], small))
+    if position[0] == "axis":
+        return replace(_AngleProbe(axis=position[1]), jet=small)
+    return replace(_TurnProbe(), slot=position[0], turn=Turn(position[1], small))
 
 
 Some = TypeVar("Some", bound=Effect)
@@ -208,12 +208,12 @@ class NominalMotion:
     @classmethod
     def of(cls, setup: Setup, course: Course, time: Array) -> "NominalMotion":
         """The nominal motion, of each sensor where it sits. time: s, (n,)."""
-        places = dict.fromkeys(s.place for s in setup.sensor)
-        if len(places) < 2 and None in places:
+        positions = dict.fromkeys(s.place for s in setup.sensor)
+        if len(positions) < 2 and None in positions:
             return cls(setup, course, time)
         parts = []
-        for place in places:
-            own = tuple(s for s in setup.sensor if s.place == place)
+        for position in positions:
+            own = tuple(s for s in setup.sensor if s.place == position)
             parts.append(
                 cls(setup.seen_by(own[0]).model_copy(update={"sensor": own}), course, time)
             )
@@ -269,8 +269,8 @@ class NominalMotion:
             return {n: (-slope, None, None) for n, slope in self.slopes(effect.sensor).items()}
         assert isinstance(effect, LearnedReadout | LearnedTilt)
         tilt = isinstance(effect, LearnedTilt)
-        place = (effect.slot, effect.turn) if tilt else ("axis", str(effect.axis))
-        parts = [self._answered(force, rate, effect) for force, rate in self.responses.of(place)]
+        position = (effect.slot, effect.turn) if tilt else ("axis", str(effect.axis))
+        parts = [self._answered(force, rate, effect) for force, rate in self.responses.of(position)]
         return {name: tuple(part.get(name) for part in parts) for name in self.sense}
 
     def _answered(
@@ -319,7 +319,9 @@ class NominalMotion:
             turns = self.responses.turns(effect, beside)
             if not one_sided(effect):
                 down = self.responses.turns(effect_down(effect), beside)
-                turns = {place: (jet - down[place]).scaled(0.5) for place, jet in turns.items()}
+                turns = {
+                    position: (jet - down[position]).scaled(0.5) for position, jet in turns.items()
+                }
             return self._read(*self.responses.to(turns))
         up = force_and_rate(self.setup, self.drive, [effect])
         if one_sided(effect):

@@ -128,9 +128,9 @@ def readings(
     seen: list[tuple[LinkFrame | None, Array, Motion, Drive]] = []
 
     def move(sensor: Sensor, time: Array) -> tuple[Motion, Drive]:
-        for place, known, motion, drive in seen:
+        for position, known, motion, drive in seen:
             alike = known is time or (len(known) == len(time) and np.array_equal(known, time))
-            if alike and place == sensor.place:
+            if alike and position == sensor.place:
                 return motion, drive
         drive = course.drive(time)
         motion = mover(setup.seen_by(sensor), drive, geometry, streams_of(seed))

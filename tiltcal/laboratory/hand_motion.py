@@ -178,10 +178,10 @@ class HandMotion:
         edge = np.minimum(EDGE, (time[last] - time[first]) / 4)
         begin = np.where(first > 0, time[first] + edge, time[0])
         end = np.where(last < len(time) - 1, time[last] - edge, time[-1])
-        rests = tuple(zip(begin.tolist(), end.tolist(), strict=True))
+        standstills = tuple(zip(begin.tolist(), end.tolist(), strict=True))
         stamps = self.motion.sensor(self.gyro).time
         step = max(float(np.median(np.diff(stamps))), FASTEST) if len(stamps) > 1 else FASTEST
-        return SplineBasis(float(time[0]), float(time[-1]), step, rests)
+        return SplineBasis(float(time[0]), float(time[-1]), step, standstills)
 
     @cached_property
     def _known_force(self) -> Array:
@@ -251,16 +251,16 @@ class HandMotion:
         """
         readings, axis = self._fog_readings(fog, None), fog.input_vector
         off, variance = readings.value.copy(), np.zeros(len(readings.time))
-        told = readings.weight > 0
+        estimate = readings.weight > 0
         for of, share in zip(gyro, axis, strict=True):
             off -= share * np.interp(readings.time, of.time, of.value)
             best = of.weight.max(initial=ARITHMETIC)
-            told &= np.interp(readings.time, of.time, of.weight) > best / 4
+            estimate &= np.interp(readings.time, of.time, of.weight) > best / 4
             variance += share**2 / best
         variance += 1 / readings.weight.max(initial=ARITHMETIC)
         moving = stops_of(self.motion)[self.motion.sensor(fog).rows] < 0
         variance[moving] *= self._growth(fog) ** 2
-        classes = (told & moving, told & ~moving)
+        classes = (estimate & moving, estimate & ~moving)
         ratios = [float(np.median(off[c] ** 2 / variance[c])) for c in classes if c.any()]
         return bool(ratios) and max(ratios) < AGREEING**2 * CHI2_MEDIAN
 
@@ -276,8 +276,8 @@ class HandMotion:
         every = [change[(moves == count) & np.isfinite(change)] for count in (5, 0)]
         if min(len(some) for some in every) < ENOUGH:
             return 1.0
-        turning, rest = (float(np.median(some)) for some in every)
-        return float(np.sqrt(max(turning / max(rest, ARITHMETIC**2), 1.0)))
+        turning, standstill = (float(np.median(some)) for some in every)
+        return float(np.sqrt(max(turning / max(standstill, ARITHMETIC**2), 1.0)))
 
     def _in_motion(self, readings: LinearReadings, growth: float) -> LinearReadings:
         """Readings whose noise in motion is so many times that at rest."""

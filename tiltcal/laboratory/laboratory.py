@@ -250,9 +250,9 @@ def restored(course: Replay, effects: Sequence[Effect]) -> Replay:
             angles = {
                 n: effect.restored(n, course.time, angle) for n, angle in course.angles.items()
             }
-            untold = [effect.untold(n, course.time, a) for n, a in course.angles.items()]
+            undetermined = [effect.untold(n, course.time, a) for n, a in course.angles.items()]
             course = course.with_angles(angles)
-            for rows in untold:
+            for rows in undetermined:
                 course = course if rows is None else replace(course, known=course.known & ~rows)
     return course
 

@@ -58,13 +58,13 @@ class ModelWords(StrictTable):
 
     @field_validator("axes", mode="before")
     @classmethod
-    def _plain_names(cls, words: Any) -> Any:
-        if not isinstance(words, dict):
-            return words
-        return {k: {"joint": v} if isinstance(v, str) else v for k, v in words.items()}
+    def _plain_names(cls, text: Any) -> Any:
+        if not isinstance(text, dict):
+            return text
+        return {k: {"joint": v} if isinstance(v, str) else v for k, v in text.items()}
 
 
-def with_links(table: dict[str, Any], words: ModelWords, folder: Path) -> dict[str, Any]:
+def with_links(table: dict[str, Any], text: ModelWords, folder: Path) -> dict[str, Any]:
     """A scenario's table with the links of its model, and the places of its sensors, instead of the
     words for them.
 
@@ -74,7 +74,7 @@ def with_links(table: dict[str, Any], words: ModelWords, folder: Path) -> dict[s
     readers = [reader for _, reader in load(GROUP)]
     if not readers:
         raise TiltcalError(
-            f"model {words.mjcf}",
+            f"model {text.mjcf}",
             found="no simulator installed",
             need="the package tiltsim",
             do="install tiltcal with its simulator",
@@ -82,18 +82,18 @@ def with_links(table: dict[str, Any], words: ModelWords, folder: Path) -> dict[s
     reader: Reader = readers[0]
     sensors = [s for s in table.get("sensor", ()) if isinstance(s, dict)]
     sites = [s["site"] for s in sensors if isinstance(s.get("site"), str)]
-    chain, places = reader(words, folder, sites)
+    chain, positions = reader(text, folder, sites)
     rig = {k: v for k, v in table["rig"].items() if k not in ModelWords.model_fields}
-    rig |= {"model": words.mjcf, "site": words.site, **chain.model_dump(exclude_defaults=True)}
-    return {**table, "rig": rig, "sensor": [_placed(s, places) for s in table.get("sensor", ())]}
+    rig |= {"model": text.mjcf, "site": text.site, **chain.model_dump(exclude_defaults=True)}
+    return {**table, "rig": rig, "sensor": [_placed(s, positions) for s in table.get("sensor", ())]}
 
 
-def _placed(sensor: Any, places: Mapping[str, LinkFrame]) -> Any:
+def _placed(sensor: Any, positions: Mapping[str, LinkFrame]) -> Any:
     """A sensor's table with the place of the site that it names."""
     if not isinstance(sensor, dict) or not isinstance(sensor.get("site"), str):
         return sensor
     others = {k: v for k, v in sensor.items() if k != "site"}
-    return {**others, "place": places[sensor["site"]].model_dump()}
+    return {**others, "place": positions[sensor["site"]].model_dump()}
 
 
 PROBED = np.array([0.0, 0.7, 2.0, 3.6, 5.3])  # s, rad and K: what is fixed is alike at all of them

@@ -158,7 +158,7 @@ def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
         return table
     known = ModelWords.keys()
     try:
-        words = ModelWords.model_validate({k: v for k, v in rig.items() if k in known})
+        text = ModelWords.model_validate({k: v for k, v in rig.items() if k in known})
     except ValidationError as error:
         raise TiltcalError(
             f"scenario {path.name}, rig",
@@ -166,7 +166,7 @@ def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
             need="mjcf, axes and site",
             do="see the guide's page on own models",
         ) from error
-    return with_links(table, words, path.parent)
+    return with_links(table, text, path.parent)
 
 
 def parse_as(kind: type[Kind], table: dict[str, Any], source: str) -> Kind:

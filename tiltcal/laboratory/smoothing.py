@@ -89,8 +89,8 @@ def told_by_others(values: Array, smooth: Array, weight: Array) -> Array:
             (m, k). A sample that nothing else tells (weight 1) stays as it is.
     """
     others = 1 - weight
-    told = others > UNTOLD
-    return np.where(told, (smooth - weight * values) / np.where(told, others, 1.0), smooth)
+    estimate = others > UNTOLD
+    return np.where(estimate, (smooth - weight * values) / np.where(estimate, others, 1.0), smooth)
 
 
 def _quartics(time: Array, values: Array, half: int) -> tuple[Array, Array]:
@@ -199,6 +199,6 @@ def _trembles(time: Array, fog: Array, gyro: Array) -> bool:
     quick = both - uniform_filter1d(both, width, axis=0)
     Q = column_space(quick[:, 1:])
     total = float(quick[:, 0] @ quick[:, 0])
-    told = float(np.sum((Q.T @ quick[:, 0]) ** 2))
+    estimate = float(np.sum((Q.T @ quick[:, 0]) ** 2))
     least = CORRELATED * float(chdtri(3, BY_CHANCE)) / len(both)
-    return total > 0 and told > max(MOVED, least) * total
+    return total > 0 and estimate > max(MOVED, least) * total

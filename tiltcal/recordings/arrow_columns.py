@@ -17,8 +17,8 @@ def to_numpy(column: Any, number: bool) -> Array | Labels:
         return _buffer(column, np.nan)
     coded = column.dictionary_encode()
     coded = coded.combine_chunks() if hasattr(coded, "num_chunks") else coded
-    words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-    return words[_buffer(coded.indices, len(words) - 1)]
+    text = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+    return text[_buffer(coded.indices, len(text) - 1)]
 
 
 def _buffer(column: Any, null: float) -> Any:
@@ -79,8 +79,8 @@ def _arrow_texts(texts: Labels, written: Callable[[str], str]) -> Any:
     """Texts, (n,), as an Arrow array with null where there is none."""
     import pyarrow as pa
 
-    words = {t: written(t).encode() if t else b"" for t in set(texts)}
-    cells = [words[t] for t in texts]
+    labels = {t: written(t).encode() if t else b"" for t in set(texts)}
+    cells = [labels[t] for t in texts]
     ends = np.cumsum([0, *map(len, cells)])
     kind = pa.large_string() if ends[-1] > np.iinfo(np.int32).max else pa.string()
     offsets = ends.astype(np.int64 if kind == pa.large_string() else np.int32)

@@ -155,8 +155,8 @@ def _column(cells: Any, name: str) -> Array | Labels:
     if is_number(name):
         return to_numpy(cells, number=True)
     texts = to_numpy(cells, number=False)
-    words = {text: text if text is None else text_of(text) for text in set(texts)}
-    return np.array([words[text] for text in texts], dtype=object)
+    labels = {text: text if text is None else text_of(text) for text in set(texts)}
+    return np.array([labels[text] for text in texts], dtype=object)
 
 
 def _bad_cell(path: Path, names: list[str], skip: int, reason: str) -> TiltcalError:

@@ -90,8 +90,8 @@ def fetch(dataset: Dataset, into: Path, source: str | None = None) -> list[Path]
         TiltcalError: the address is not known, the library is missing, a file cannot be fetched,
             or it is not the published one.
     """
-    place = source or dataset.address
-    if place is None:
+    position = source or dataset.address
+    if position is None:
         digests = ", ".join(f"{f.name} with SHA-256 {f.sha256}" for f in dataset.file)
         raise TiltcalError(
             f"data set {dataset.name}",
@@ -100,17 +100,17 @@ def fetch(dataset: Dataset, into: Path, source: str | None = None) -> list[Path]
             do="find it there, and give its folder or address with --from",
         )
     make_folder(into)
-    return [_one(dataset, file, into, place) for file in dataset.file]
+    return [_one(dataset, file, into, position) for file in dataset.file]
 
 
-def _one(dataset: Dataset, file: PublishedFile, into: Path, place: str) -> Path:
+def _one(dataset: Dataset, file: PublishedFile, into: Path, position: str) -> Path:
     target = into / file.name
     if target.is_file() and _digest(target) == file.sha256:
         return target
-    if urlparse(place).scheme in ("http", "https"):
-        _download(dataset, file, f"{place.rstrip('/')}/{file.name}", target)
+    if urlparse(position).scheme in ("http", "https"):
+        _download(dataset, file, f"{position.rstrip('/')}/{file.name}", target)
         return target
-    local = Path(place) / file.name
+    local = Path(position) / file.name
     if not local.is_file():
         raise TiltcalError(
             f"data set {dataset.name}",
@@ -148,10 +148,10 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _other_file(dataset: Dataset, file: PublishedFile, place: str) -> TiltcalError:
+def _other_file(dataset: Dataset, file: PublishedFile, position: str) -> TiltcalError:
     return TiltcalError(
         f"data set {dataset.name}, {file.name}",
-        found=f"another content at {place}",
+        found=f"another content at {position}",
         need=f"SHA-256 {file.sha256}",
         do="fetch it again, or from another address with --from",
     )

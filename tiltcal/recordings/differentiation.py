@@ -36,29 +36,29 @@ def by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array, Array]
         u: angle, rad. noise: of each sample, rad, (n,).
     """
     n = len(u)
-    told, error = _by_narrowest(u, noise)
+    estimate, error = _by_narrowest(u, noise)
     narrowest = error.copy()
     for row in _ends(n):  # no window is around them
         error[:, row] = np.inf
     kept = np.ones((2, n), bool)
     fitting = {(w, d): fits(u, w, d, noise) for d, w in product(DEGREES, WIDTHS) if d + 1 < w < n}
-    for places in (AROUND, BESIDE):
-        wanted = np.ones((2, n), bool) if places is AROUND else error >= narrowest
-        for ((width, degree), fit), share in product(fitting.items(), places):
-            place = round(share * (width - 1))
-            rows = slice(place, n - width + 1 + place)
-            each = _weights(width, place, degree)
-            more = _weights(width, place, degree + 2) if width > degree + 3 else each
+    for positions in (AROUND, BESIDE):
+        wanted = np.ones((2, n), bool) if positions is AROUND else error >= narrowest
+        for ((width, degree), fit), share in product(fitting.items(), positions):
+            position = round(share * (width - 1))
+            rows = slice(position, n - width + 1 + position)
+            each = _weights(width, position, degree)
+            more = _weights(width, position, degree + 2) if width > degree + 3 else each
             for k, weights in enumerate(each):
                 expected = float(weights @ weights) * noise[rows] ** 2
                 expected = expected + _bias(u, more[k] - weights, noise[rows])
                 better = fit & wanted[k, rows] & (expected < error[k, rows])
                 if better.any():
                     found = np.convolve(u, weights[::-1], mode="valid")
-                    told[k, rows] = np.where(better, found, told[k, rows])
+                    estimate[k, rows] = np.where(better, found, estimate[k, rows])
                     error[k, rows] = np.where(better, expected, error[k, rows])
                     kept[k, rows] &= ~better
-    v, a = told
+    v, a = estimate
     squares, bending = np.where(kept, narrowest + _bias_of_narrowest(u, noise), error)
     return v, a, squares, bending
 
@@ -68,16 +68,16 @@ def _by_narrowest(u: Array, noise: Array) -> tuple[Array, Array]:
     one side, and the variances of both, (2, n) each.
     """
     n, half = len(u), WIDTHS[0] // 2
-    told, variance = np.zeros((2, 2, n))
+    estimate, variance = np.zeros((2, 2, n))
     for k, weights in enumerate(_weights(WIDTHS[0], half, DEGREES[0])):
-        told[k, half : n - half] = np.convolve(u, weights[::-1], mode="valid")
+        estimate[k, half : n - half] = np.convolve(u, weights[::-1], mode="valid")
         variance[k] = float(weights @ weights) * noise**2
     for row in _ends(n):
         begin = 0 if row < half else n - WIDTHS[0]
         for k, weights in enumerate(_weights(WIDTHS[0], row - begin, DEGREES[0])):
-            told[k, row] = float(weights @ u[begin : begin + WIDTHS[0]])
+            estimate[k, row] = float(weights @ u[begin : begin + WIDTHS[0]])
             variance[k, row] = float(weights @ weights) * noise[row] ** 2
-    return told, variance
+    return estimate, variance
 
 
 def _bias_of_narrowest(u: Array, noise: Array) -> Array:
@@ -107,12 +107,12 @@ def _bias(u: Array, more: Array, noise: Array) -> Array:
     return np.asarray(np.maximum(added - float(more @ more) * noise**2, 0.0))
 
 
-def _weights(width: int, place: int, degree: int) -> tuple[Array, Array]:
+def _weights(width: int, index: int, degree: int) -> tuple[Array, Array]:
     """What takes the first and the second derivative at one sample of a window from its polynomial,
     (width,) each.
     """
     fitted = np.linalg.pinv(
-        np.vander((np.arange(width) - float(place)) / width, degree + 1, increasing=True)
+        np.vander((np.arange(width) - float(index)) / width, degree + 1, increasing=True)
     )
     return fitted[1] / width, 2 * fitted[2] / width**2
 
@@ -259,16 +259,16 @@ def _evenly(time: Array, angle: Array) -> tuple[Array, Array] | None:
     return grid, np.asarray(CubicSpline(time, angle)(grid))
 
 
-def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> Rates:
+def _of_stretch(time: Array, angle: Array, still: Mask, estimate: float | None) -> Rates:
     """Rates where the log does not pause. told: noise of the readout at rest."""
     even = _evenly(time, angle)
     if even is None:
-        rests = still | (np.ptp(angle) == 0)
-        nothing, unknown = np.zeros(len(angle)), np.where(rests, 0.0, UNKNOWN)
+        standstills = still | (np.ptp(angle) == 0)
+        nothing, unknown = np.zeros(len(angle)), np.where(standstills, 0.0, UNKNOWN)
         return Rates(nothing, nothing, unknown, unknown)
     grid, uniform = even
     step = float(grid[1] - grid[0])
-    readout, pace = told or noise_of_motion(uniform), _pace(uniform)
+    readout, pace = estimate or noise_of_motion(uniform), _pace(uniform)
     late = noise_of_stamps(uniform, pace, readout)
     white = np.hypot(readout, late * pace)
     v, a, variance, bending = _by_windows(time, still, grid, uniform, white)
@@ -310,13 +310,13 @@ def _by_windows(
     beside = 2 * WIDTHS[-1] + 1  # no window of a row that moves reaches further
     reached = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside))
     wanted = reached[WIDTHS[-1] : WIDTHS[-1] + n] > 0.5
-    told = np.zeros((4, n))
+    estimate = np.zeros((4, n))
     if wanted.sum() >= WIDTHS[0]:
-        told[:, wanted] = by_best_windows(uniform[wanted], noise[wanted])
-    variance, bending = (np.interp(time, grid, error) for error in told[2:])
-    v = CubicHermiteSpline(grid, told[0], told[1] / step)(time)
+        estimate[:, wanted] = by_best_windows(uniform[wanted], noise[wanted])
+    variance, bending = (np.interp(time, grid, error) for error in estimate[2:])
+    v = CubicHermiteSpline(grid, estimate[0], estimate[1] / step)(time)
     # a line cuts off its peaks
-    a = CubicHermiteSpline(grid, told[1], np.gradient(told[1], step))(time)
+    a = CubicHermiteSpline(grid, estimate[1], np.gradient(estimate[1], step))(time)
     # at rest nothing moves but what rings: by as much as that shows, its rates are unknown
     variance = np.where(still, np.maximum(v**2 - RINGS * variance, 0.0), variance)
     bending = np.where(still, np.maximum(a**2 - RINGS * bending, 0.0), bending)

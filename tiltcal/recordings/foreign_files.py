@@ -78,24 +78,24 @@ def import_file(path: Path | str, mapping: Mapping, budget: ReadBudget | None = 
     ]
     findings = [f for t in main.tables for f in find_bad_lines(t)]
     repaired: list[_Part] = []
-    said: list[str] = []
+    message: list[str] = []
     for part in parts:
         findings += find_faults(part.time, part.columns)
-        time, columns, labels, words = repair(
+        time, columns, labels, text = repair(
             part.time, part.columns, part.labels, mapping.repair, mapping.time.period
         )
         repaired.append(_Part(time, part.zero, columns, labels))
-        said += [*part.repairs, *words]
+        message += [*part.repairs, *text]
     metadata = {"imported from": path.name} | mapping.metadata
-    said += [f"ragged_lines: {f.count} left out" for f in findings if f.kind == "ragged_lines"]
-    if said:
-        metadata["repairs"] = "; ".join(said)
-    return Imported(_joined(repaired, metadata, f"recording {path.name}"), findings, said)
+    message += [f"ragged_lines: {f.count} left out" for f in findings if f.kind == "ragged_lines"]
+    if message:
+        metadata["repairs"] = "; ".join(message)
+    return Imported(_joined(repaired, metadata, f"recording {path.name}"), findings, message)
 
 
-def _base(words: ColumnWords, mapping: Mapping) -> tuple[str, int | str | None]:
+def _base(text: ColumnWords, mapping: Mapping) -> tuple[str, int | str | None]:
     """The table of a column and its time column: one base for all columns that share both."""
-    return mapping.table_of(words), words.time
+    return mapping.table_of(text), text.time
 
 
 def _part(
@@ -109,7 +109,7 @@ def _part(
     clock = mapping.time if own is None else mapping.time.model_copy(update={"column": own})
     time, zero = time_of(table, clock, main.source)
     columns: dict[str, Array] = {}
-    said: list[str] = []
+    message: list[str] = []
     labels = None
     for c in wanted:
         file = files[c.file]
@@ -125,15 +125,15 @@ def _part(
         if c.to == "label":
             labels = np.array([None if t is None else str(t) for t in raw], dtype=object)
         else:
-            values, words = _numbers(raw, c.to, file.source, mapping)
+            values, text = _numbers(raw, c.to, file.source, mapping)
             columns[c.to] = _scaled(values, c)
-            said += words
-    return _Part(time, zero, columns, labels, tuple(said))
+            message += text
+    return _Part(time, zero, columns, labels, tuple(message))
 
 
-def _scaled(values: Array, words: ColumnWords) -> Array:
-    scaled = values if words.scale == 1.0 else words.scale * values
-    return scaled + words.offset if words.offset else scaled
+def _scaled(values: Array, text: ColumnWords) -> Array:
+    scaled = values if text.scale == 1.0 else text.scale * values
+    return scaled + text.offset if text.offset else scaled
 
 
 def _numbers(raw: Raw, name: str, source: str, mapping: Mapping) -> tuple[Array, list[str]]:
@@ -145,30 +145,30 @@ def _numbers(raw: Raw, name: str, source: str, mapping: Mapping) -> tuple[Array,
     values, bad = numbers_in(raw, mapping.file.decimal)
     if len(bad) and "empty_text" not in mapping.repair:
         raise bad_cell(raw, source, mapping.file.decimal)
-    said = [f"empty_text: {len(bad)} cells of {name} emptied"] if len(bad) else []
-    return values, said
+    message = [f"empty_text: {len(bad)} cells of {name} emptied"] if len(bad) else []
+    return values, message
 
 
-def time_of(table: RawTable, words: TimeWords, source: str) -> tuple[Array, float]:
+def time_of(table: RawTable, text: TimeWords, source: str) -> tuple[Array, float]:
     """The time of a table, s, (n,), counted from a zero, s, which is 0 unless the stamps are so
     large that they would resolve less than 10 ns.
 
     Raises:
         TiltcalError: the column holds no times.
     """
-    if words.column is None:
-        return np.arange(len(table)) / (words.rate_hz or 1.0), 0.0
-    raw = table.column(words.column, source)
-    if words.unit == "iso" or raw.dtype.kind == "M":
+    if text.column is None:
+        return np.arange(len(table)) / (text.rate_hz or 1.0), 0.0
+    raw = table.column(text.column, source)
+    if text.unit == "iso" or raw.dtype.kind == "M":
         counts, factor = iso_stamps(raw, source).astype(np.int64), 1e-9
     elif raw.dtype == object:
         raise bad_cell(raw, source, "point")
     else:
-        counts, factor = raw, words.tick_s or COLUMN_UNITS[words.unit].factor
+        counts, factor = raw, text.tick_s or COLUMN_UNITS[text.unit].factor
     if not np.isfinite(counts).all():
         raise TiltcalError(
             f"foreign recording {source}, data row {int(np.argmin(np.isfinite(counts))) + 1}",
-            found=f"no time in column {words.column}",
+            found=f"no time in column {text.column}",
             need="a number",
             do="fill it in, or leave out that row",
         )

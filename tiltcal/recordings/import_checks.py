@@ -135,12 +135,12 @@ def _channel_faults(name: str, values: Array) -> Iterator[Finding]:
     if not (values[1:] == values[:-1]).any():
         return
     ended = clipped(values)
-    for kind, mask, words in (
+    for kind, mask, message in (
         ("clipped", ended, "the reading stays at the end of its range"),
         ("frozen", frozen(values) & ~ended, "the reading is repeated too often for its noise"),
     ):
         if mask.any():
-            yield _found(kind, name, mask, words, f"empty_{kind}", rows_shift=0)
+            yield _found(kind, name, mask, message, f"empty_{kind}", rows_shift=0)
 
 
 def _at_slower_rate(missing: Mask) -> bool:
@@ -211,18 +211,18 @@ def _rows_of(first: Index, last: Index, chosen: Mask, n: int) -> Mask:
 
 
 def _found(
-    kind: str, column: str, mask: Mask, words: str, repair: str = "", rows_shift: int = 1
+    kind: str, column: str, mask: Mask, text: str, repair: str = "", rows_shift: int = 1
 ) -> Finding:
     """A finding at the rows of a mask; ``rows_shift`` 1 where the mask is of steps."""
     rows = np.flatnonzero(mask) + rows_shift + 1
     count = len(rows)
-    places = ", ".join(map(str, rows[:_SHOWN])) + (", ..." if count > _SHOWN else "")
+    positions = ", ".join(map(str, rows[:_SHOWN])) + (", ..." if count > _SHOWN else "")
     times = "once" if count == 1 else f"{count} times"
     return Finding(
         kind,
         column,
         count,
         tuple(int(r) for r in rows[:_SHOWN]),
-        f"{column}: {words}, {times}, in data row {places}",
+        f"{column}: {text}, {times}, in data row {positions}",
         repair,
     )

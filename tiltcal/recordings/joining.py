@@ -59,7 +59,7 @@ def joins_of(recording: Recording) -> Array:
     """
     stated = recording.metadata.get(JOINS, "")
     try:
-        return np.array([float(word) for word in stated.split(",") if word.strip()])
+        return np.array([float(token) for token in stated.split(",") if token.strip()])
     except ValueError as error:
         raise TiltcalError(
             f"{recording.source}, metadata '{JOINS}'",
@@ -117,6 +117,6 @@ def _mounts(recordings: Sequence[Recording], starts: Sequence[float], mount: str
             at = start - GAP / 2 if not colon else None
             if at is None:
                 at = start + float(when.strip().removesuffix("s")) - float(r.time[0])
-            words = (stated if colon else part).strip()
-            found.append(words if k == 0 and not colon else f"{at:.9g} s: {words}")
+            text = (stated if colon else part).strip()
+            found.append(text if k == 0 and not colon else f"{at:.9g} s: {text}")
     return "; ".join(found)

@@ -207,10 +207,10 @@ def write_npz(recording: Columns, path: Path) -> None:
     arrays = {"time_s": recording.time} | {
         name: recording.column(name) for name in recording.column_names
     }
-    words = {
+    labels = {
         name: np.array([t or "" for t in values], dtype=str)
         for name, values in recording.texts.items()
     }
     metadata = {METADATA: np.array(json.dumps(dict(recording.metadata)))}
     with path.open("wb") as out:
-        np.savez(out, allow_pickle=False, **arrays, **words, **metadata)
+        np.savez(out, allow_pickle=False, **arrays, **labels, **metadata)

@@ -172,7 +172,7 @@ def part_of(recording: Recording, first: int, last: int) -> Recording:
         recording.time[first:last],
         {name: recording.column(name)[first:last] for name in recording.column_names},
         labels=None if recording.labels is None else recording.labels[first:last],
-        extra={name: words[first:last] for name, words in recording.extra.items()},
+        extra={name: text[first:last] for name, text in recording.extra.items()},
         metadata=recording.metadata,
         source=recording.source,
     )

@@ -247,8 +247,8 @@ class Recording(Tabular):
     def ignored_columns(self, sensors: Iterable[Sensor]) -> str:
         """A note of the unknown columns; empty without any."""
         unknown = ", ".join(self.unknown(sensors))
-        words = f"columns that belong to no sensor of the scenario are ignored: {unknown}"
-        return words if unknown else ""
+        text = f"columns that belong to no sensor of the scenario are ignored: {unknown}"
+        return text if unknown else ""
 
     def as_columns(self) -> Mapping[str, Array | Labels]:
         """The columns of its file, (n,) each; numbers as written, NaN where not sampled."""

@@ -35,13 +35,13 @@ def repair(
         TiltcalError: a repair cannot be made on these data.
     """
     state: State = (time, columns, labels)
-    said = []
+    message = []
     for name, make in REPAIRS.items():
         if name in wanted:
-            state, words = make(state, period)
-            if words:
-                said.append(f"{name}: {words}")
-    return (*state, said)
+            state, text = make(state, period)
+            if text:
+                message.append(f"{name}: {text}")
+    return (*state, message)
 
 
 def _unwrap_time(state: State, period: float | None) -> Done:
@@ -99,22 +99,22 @@ def _unwrap_angles(state: State, _: float | None) -> Done:
         unwrapped[known] = np.unwrap(values[known], period=turn)
         if not np.array_equal(unwrapped[known], values[known]):
             changed[name] = unwrapped
-    words = ", ".join(changed) + " made continuous" if changed else ""
-    return (time, columns | changed, labels), words
+    text = ", ".join(changed) + " made continuous" if changed else ""
+    return (time, columns | changed, labels), text
 
 
 def _emptied(find: Callable[[Array], "np.typing.NDArray[np.bool_]"]) -> Callable[..., Done]:
     def make(state: State, _: float | None) -> Done:
         time, columns, labels = state
-        changed, said = {}, []
+        changed, message = {}, []
         for name, values in columns.items():
             if is_angle(name) or np.isnan(values).all():
                 continue
             mask = find(values)
             if mask.any():
                 changed[name] = np.where(mask, np.nan, values)
-                said.append(f"{int(mask.sum())} values of {name} emptied")
-        return (time, columns | changed, labels), ", ".join(said)
+                message.append(f"{int(mask.sum())} values of {name} emptied")
+        return (time, columns | changed, labels), ", ".join(message)
 
     return make
 

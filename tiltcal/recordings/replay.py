@@ -97,11 +97,11 @@ class Replay:
         for name, angle in self.angles.items():
             # counted the other way it has the same rates, turned
             sign = sign_of(angle)
-            told = rates_of(self.time[read].tobytes(), (sign * angle[read]).tobytes())
+            estimate = rates_of(self.time[read].tobytes(), (sign * angle[read]).tobytes())
             rates = Rates(*np.zeros((4, len(angle))))
             if not read.all():
                 rates.rate[:] = sign * np.gradient(angle, self.time)
-            for whole, part in zip(rates, told, strict=True):
+            for whole, part in zip(rates, estimate, strict=True):
                 whole[read] = part
             found[name] = rates._replace(
                 rate=sign * rates.rate, acceleration=sign * rates.acceleration
@@ -113,9 +113,9 @@ class Replay:
         """When each rest began and ended: to a part of a sample where the readout tells it."""
         read = self._read
         time = self.time[read].tobytes()
-        said = [edges_of(time, angle[read].tobytes()) for angle in self.angles.values()]
+        message = [edges_of(time, angle[read].tobytes()) for angle in self.angles.values()]
         leaves, comes = (
-            np.sort(np.concatenate([one[side] for one in said])) if said else np.zeros(0)
+            np.sort(np.concatenate([one[side] for one in message])) if message else np.zeros(0)
             for side in (0, 1)
         )
         return rests_between(self.time, self.stop, leaves, comes)
@@ -255,10 +255,10 @@ def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rest
     return Rests(begin, end).led_in(bool(stop[0] < 0))
 
 
-def _as_usual(told: Array, rough: Array) -> Array:
+def _as_usual(estimate: Array, rough: Array) -> Array:
     """Instants, s, (k,): those that are not told, infinite, as far from the rough ones as the
     others usually are.
     """
-    there = np.isfinite(told)
-    usual = float(np.median(told[there] - rough[there])) if there.any() else 0.0
-    return np.where(there, told, rough + usual)
+    there = np.isfinite(estimate)
+    usual = float(np.median(estimate[there] - rough[there])) if there.any() else 0.0
+    return np.where(there, estimate, rough + usual)

@@ -46,15 +46,15 @@ def noise_models_of(path: Path | str, progress: Progress = silent) -> dict[str, 
         require_room(path)
         return noise_models(read_recording(path).require_increasing())
     recording = read_averaged(path, progress)
-    names, rest = _channels(recording), _longest(recording)
+    names, standstill = _channels(recording), _longest(recording)
     running: dict[str, RunningAllan] = {}
     rates: dict[str, float] = {}
-    for piece in _between(path, rest.start, rest.end, progress):
+    for piece in _between(path, standstill.start, standstill.end, progress):
         for name in names:
             known = ~np.isnan(values := piece.column(name))
             if name not in running and known.sum() > 1:
                 rates[name] = _rate(piece.time[known])
-                running[name] = RunningAllan(int((rest.end - rest.start) * rates[name]))
+                running[name] = RunningAllan(int((standstill.end - standstill.start) * rates[name]))
             if name in running:
                 running[name].add(values[known])
     curves = {name: found.deviation(rates[name]) for name, found in running.items()}

@@ -49,11 +49,11 @@ class RigFit:
             mount: R_mount that it states, (3, 3).
         """
         turned = zip(self.table.axis_names, self.senses, strict=True)
-        words = [f'set table = "{self.table.name}"'] if self.table.name != table else []
-        words += [f"change the sign of the {name} angle" for name, sense in turned if sense < 0]
+        text = [f'set table = "{self.table.name}"'] if self.table.name != table else []
+        text += [f"change the sign of the {name} angle" for name, sense in turned if sense < 0]
         if not np.allclose(parse_mount(self.mount), mount):
-            words.append(f'set mount = "{self.mount}"')
-        return tuple(words)
+            text.append(f'set mount = "{self.mount}"')
+        return tuple(text)
 
 
 def up_in_head(table: Table, angles: Array) -> Array:

@@ -54,10 +54,10 @@ class Segment:
 
 def _rows(table: MeansTable) -> list[Segment]:
     """Each row of a table of means as a dwell."""
-    words = [None] * len(table) if table.labels is None else table.labels
+    text = [None] * len(table) if table.labels is None else table.labels
     return [
-        Segment(float(t), float(t), k, k + 1, "dwell", word)
-        for k, (t, word) in enumerate(zip(table.time, words, strict=True))
+        Segment(float(t), float(t), k, k + 1, "dwell", token)
+        for k, (t, token) in enumerate(zip(table.time, text, strict=True))
     ]
 
 
@@ -275,10 +275,10 @@ def majority(recording: Recording, first: int, last: int) -> str | None:
     """The label on most of these rows; None when most have none."""
     if recording.labels is None:
         return None
-    words = [str(w) for w in recording.labels[first:last] if w]
-    if 2 * len(words) < last - first:
+    texts = [str(w) for w in recording.labels[first:last] if w]
+    if 2 * len(texts) < last - first:
         return None
-    values, counts = np.unique(words, return_counts=True)
+    values, counts = np.unique(texts, return_counts=True)
     return str(values[np.argmax(counts)])
 
 

@@ -90,8 +90,8 @@ def require_room(path: Path | str) -> None:
 
 def averaging_note(recording: Recording) -> str | None:
     """What to say of a recording that was averaged; None of others."""
-    said = recording.metadata.get(AVERAGED)
-    return None if said is None else f"{recording.source} was read as averages over {said}"
+    message = recording.metadata.get(AVERAGED)
+    return None if message is None else f"{recording.source} was read as averages over {message}"
 
 
 def spans_of(path: Path | str, rows: int | None = None) -> Spans | None:
@@ -161,8 +161,8 @@ def averaged(piece: Recording, spans: Spans) -> Recording:
         rows = where[starts[k] : starts[k + 1]]
         for name in part.column_names:
             columns[name][rows] = part.column(name)
-        for name, words in part.texts.items():
-            texts[name][rows] = words
+        for name, text in part.texts.items():
+            texts[name][rows] = text
     labels = texts.pop("label", None)
     metadata = {**piece.metadata, AVERAGED: spans.words}
     return Recording.from_columns(
@@ -214,5 +214,5 @@ def _means(piece: Recording, names: list[str], rows: Index, spans: Spans) -> Rec
         origin + mean(piece.time - origin),
         {name: mean(piece.column(name)) for name in names},
         labels=None if piece.labels is None else piece.labels[middle],
-        extra={name: words[middle] for name, words in piece.extra.items()},
+        extra={name: text[middle] for name, text in piece.extra.items()},
     )

@@ -204,8 +204,8 @@ def _left(u: Array, y: Array, weight: Array, powers: tuple[float, ...]) -> Array
     c = np.linalg.solve(
         gram, np.stack([(column @ y[:, :, None])[..., 0] for column in columns], axis=-1)[..., None]
     )[..., 0]
-    rest = y[:, None, :] - sum(c[..., i, None] * column for i, column in enumerate(columns))
-    return _along(rest, rest)
+    standstill = y[:, None, :] - sum(c[..., i, None] * column for i, column in enumerate(columns))
+    return _along(standstill, standstill)
 
 
 def _powers(u: Array, powers: tuple[float, ...]) -> list[Array]:

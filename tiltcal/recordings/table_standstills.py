@@ -48,17 +48,17 @@ def still_rows(angles: Array, resting: Mask, parted: Index = NOWHERE) -> Mask:
     into rests with a level each, and so does a pause of the log before one of the ``parted`` rows.
     """
     still = resting.copy()
-    codes = 1.01 * np.array([code_width(column) for column in angles.T])
+    steps = 1.01 * np.array([code_width(column) for column in angles.T])
     ends = {0, len(angles), *(int(row) for row in parted)}  # nothing is known beyond
     for first, last in _runs(resting, parted):
         still[first:last] = False
-        for begin, end, level in _levels(angles[first:last], codes):
+        for begin, end, level in _levels(angles[first:last], steps):
             part = angles[first + begin : first + end]
             off = np.abs(part - np.median(part[level], axis=0))
             # half of the readings of one code: the rest tell the spread
             half, most = np.quantile(off[level], (0.5, 0.8), axis=0)
             spread = 6 * np.maximum(MAD_TO_SIGMA * half, most / 1.2816)
-            quiet = np.asarray((off <= np.maximum(np.maximum(spread, codes), 1e-12)).all(axis=1))
+            quiet = np.asarray((off <= np.maximum(np.maximum(spread, steps), 1e-12)).all(axis=1))
             for _ in range(EDGE):  # the first samples of a move hide in the noise
                 quiet[1:-1] &= quiet[:-2] & quiet[2:]
                 quiet[0] &= first + begin in ends
@@ -77,7 +77,7 @@ def _runs(resting: Mask, parted: Index) -> Iterator[tuple[int, int]]:
         yield from pairwise([int(first), *inside, int(last)])
 
 
-def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
+def _levels(part: Array, levels: Array) -> Iterator[tuple[int, int, slice]]:
     """The rests of a dwell: from row, to row, and which of these rows tell the level.
 
     Slow moves lie between them, each half a rest's, or before the first and after the last. A
@@ -95,22 +95,22 @@ def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
         return
     means = sliding_window_view(part, m, axis=0).mean(axis=-1)
     # most of the steps may be those of a move; rounding to codes hides less than one of them
-    quick = np.quantile(np.abs(np.diff(part, axis=0)), 0.25, axis=0) + codes
+    quick = np.quantile(np.abs(np.diff(part, axis=0)), 0.25, axis=0) + levels
     # a smooth motion leaves nothing of its fourth differences
     bent = np.median(np.abs(np.diff(part, 4, axis=0)), axis=0) * MAD_TO_SIGMA / np.sqrt(comb(8, 4))
-    noise = np.minimum(quick / QUARTILE / np.sqrt(2), bent + codes)
+    noise = np.minimum(quick / QUARTILE / np.sqrt(2), bent + levels)
     steps = np.abs(means[m:] - means[:-m])
     slow = np.ones(n, bool)
-    slow[m : n - m + 1] = (steps > 6 * noise * np.sqrt(2 / m) + codes).any(axis=1)
+    slow[m : n - m + 1] = (steps > 6 * noise * np.sqrt(2 / m) + levels).any(axis=1)
     slow[:m], slow[n - m :] = slow[m], slow[n - m]
     ends = np.flatnonzero(np.diff(np.concatenate([[0], ~slow, [0]])))
-    rests = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= m]
-    if sum(b - a + m for a, b in rests) < n / 3:  # means see a slow move that many rows early
+    standstills = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= m]
+    if sum(b - a + m for a, b in standstills) < n / 3:  # means see a slow move that many rows early
         if not _goes_on(part, noise):
             yield from whole
         return
-    parted = [0, *((b + a) // 2 for (_, b), (a, _) in pairwise(rests)), n]
-    for (a, b), begin, end in zip(rests, parted, parted[1:], strict=False):
+    parted = [0, *((b + a) // 2 for (_, b), (a, _) in pairwise(standstills)), n]
+    for (a, b), begin, end in zip(standstills, parted, parted[1:], strict=False):
         yield begin, end, slice(a - begin, b - begin)
 
 

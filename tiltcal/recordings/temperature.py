@@ -66,13 +66,13 @@ def _smoothest(t: Array, T: Array, level: float) -> Callable[[Array], Array]:
     from scipy.interpolate import make_smoothing_spline
 
     trend = np.polynomial.Polynomial.fit(t, T, 3)
-    rest = T - trend(t)
+    standstill = T - trend(t)
     low, high = -12.0, 16.0  # decades
-    best = make_smoothing_spline(t, rest, lam=10.0**low)
+    best = make_smoothing_spline(t, standstill, lam=10.0**low)
     while high - low > 0.1:
         middle = (low + high) / 2
-        trial = make_smoothing_spline(t, rest, lam=10.0**middle)
-        if _within(trial(t) - rest, level):
+        trial = make_smoothing_spline(t, standstill, lam=10.0**middle)
+        if _within(trial(t) - standstill, level):
             best, low = trial, middle
         else:
             high = middle

@@ -166,8 +166,8 @@ def _coverage_figure(cells: Cells, method: str) -> Plot | None:
         found = [statistics["parameters"][n]["coverage_95"] for n in names]
         y = np.array([c["share"] for c in found])
         ends = np.array([c["interval_95"] for c in found]).reshape(-1, 2)
-        words = ", ".join(f"{a} = {b}" for a, b in values.items()) or "all"
-        traces.append(points(names, y, words, k, hover="%{x}: %{y:.3f}", **_bars(y, ends)))
+        text = ", ".join(f"{a} = {b}" for a, b in values.items()) or "all"
+        traces.append(points(names, y, text, k, hover="%{x}: %{y:.3f}", **_bars(y, ends)))
     if not traces:
         return None
     stated = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 0.95, "y1": 0.95}
@@ -196,12 +196,12 @@ def _nees_figure(results: Results, method: str) -> Plot | None:
     end = float(norm.isf(0.5 / most))
     dots = {"line": {"color": colour(5), "dash": "dot"}, "hoverinfo": "skip"}
     traces = [line([-end, end], [-end, end], "expected", 5, **dots)]
-    for k, (words, pairs) in enumerate(series.items()):
+    for k, (text, pairs) in enumerate(series.items()):
         nees, dof = np.array(pairs, dtype=float).T
         found = np.sort(norm.isf(np.exp(np.maximum(chi2.logsf(nees, dof), LEAST_LOG_P))))
         expected = norm.ppf((np.arange(1, len(found) + 1) - 0.5) / len(found))
         hover = "expected %{x:.3g}, found %{y:.3g}"
-        traces.append(points(expected, found, words, k, hover=hover))
+        traces.append(points(expected, found, text, k, hover=hover))
     return Plot(
         traces,
         f"{method}: NEES against chi-square, as normal quantiles; points above the line are larger"
@@ -219,8 +219,8 @@ def _nees_of(results: Results, method: str) -> dict[str, list[tuple[float, int]]
     names = [f.title for f in results.campaign.grids]
     found: dict[str, list[tuple[float, int]]] = {}
     for run, recorded in results.runs():
-        words = ", ".join(f"{n} = {run.point.values[n]}" for n in names) or "all"
+        text = ", ".join(f"{n} = {run.point.values[n]}" for n in names) or "all"
         for row in recorded.rows:
             if row.method == method and row.error is None and row.nees_dof:
-                found.setdefault(words, []).append((row.nees, row.nees_dof))
+                found.setdefault(text, []).append((row.nees, row.nees_dof))
     return found

@@ -26,11 +26,11 @@ def rounded(value: float, uncertainty: float) -> tuple[str, str]:
     """
     if not uncertainty > 0:
         return f"{value:.6g}", f"{uncertainty:g}"
-    places = 1 - floor(log10(uncertainty))
-    if places > 9:
+    positions = 1 - floor(log10(uncertainty))
+    if positions > 9:
         return f"{value:.6e}", f"{uncertainty:.1e}"
-    kept = max(places, 0)
-    return f"{round(value, places):.{kept}f}", f"{round(uncertainty, places):.{kept}f}"
+    kept = max(positions, 0)
+    return f"{round(value, positions):.{kept}f}", f"{round(uncertainty, positions):.{kept}f}"
 
 
 def parameter_table(

@@ -159,8 +159,8 @@ def _administrative(parent: ET.Element, c: Certificate) -> None:
     if c.calibration.warnings:
         _statement(statements, "notes", c.calibration.warnings)
     if c.simulated:
-        words = "The recording was simulated: this certificate certifies no instrument."
-        _statement(statements, "simulated", [words])
+        text = "The recording was simulated: this certificate certifies no instrument."
+        _statement(statements, "simulated", [text])
 
 
 def _software(parent: ET.Element) -> None:

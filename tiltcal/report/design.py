@@ -90,14 +90,14 @@ def _comparison(plan: Plan) -> Plot:
         "marker": {"color": colours},
         "hovertemplate": "%{x}<br>%{y:.4g} arcsec rms per axis<extra></extra>",
     }
-    words = ", ".join(f"{n} {t:.3g}" for n, t in zip(names, tilts, strict=True))
+    text = ", ".join(f"{n} {t:.3g}" for n, t in zip(names, tilts, strict=True))
     layout = axes("", "arcsec, rms per axis", showlegend=False)
     layout["xaxis"]["type"] = "category"  # some schemes are called 8, 12, 24
     layout["yaxis"] |= LOGARITHMIC
     return Plot(
         [bars],
         "Expected tilt error with the same table time, arcsec rms per axis.",
-        f"Expected tilt error in arcsec: {words}",
+        f"Expected tilt error in arcsec: {text}",
         layout,
     )
 
@@ -211,10 +211,10 @@ def _visibility(found: MaxMin) -> Plot:
             [row["share"] for row in rows if row["shown_by"] == way],
             [row["effect"] for row in rows if row["shown_by"] == way],
             f"shown by {way}",
-            place,
+            position,
             hover="%{y}: %{x:.3f} of the best possible",
         )
-        for place, way in enumerate(("the poses", "their order"))
+        for position, way in enumerate(("the poses", "their order"))
     ]
     hover = "no design has a larger least share: %{x:.3f}"
     bound = [found.bounds[0]] * len(names)
@@ -300,11 +300,11 @@ def _pair_comparison(considered: Sequence[BlockProposal]) -> Plot:
             [p.minutes for p in some],
             [p.chance for p in some],
             name,
-            place,
+            position,
             text=[p.block.name for p in some],
             hover="%{x:.1f} min, probability %{y:.3f}",
         )
-        for some, name, place in ((others, "other blocks", 5), (chosen, "proposed block", 0))
+        for some, name, position in ((others, "other blocks", 5), (chosen, "proposed block", 0))
         if some
     ]
     layout = axes("table time, min", "probability for the hardest pair", showlegend=True)

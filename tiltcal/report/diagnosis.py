@@ -74,10 +74,10 @@ def _law_plot(laws: Sequence[LawView], coordinate: str) -> Plot | None:
         return None
     title, unit = coordinate_title(name), unit_sign(laws[0].unit)
     hover = f"{title} %{{x:.4g}}<br>%{{y:.4g}} {unit}"
-    rests = coordinate not in MOVING and all(law.still.sum() >= MIN_DWELLS for law in laws)
+    standstills = coordinate not in MOVING and all(law.still.sum() >= MIN_DWELLS for law in laws)
     traces: list[Trace] = []
     for k, law in enumerate(laws):
-        shown = law.still if rests else np.ones(len(law.law), bool)
+        shown = law.still if standstills else np.ones(len(law.law), bool)
         traces += _law_traces(law, name, shown, _where(law, laws), 2 * k, hover)
     what = laws[0].subject
     peak = _size_in_words(laws, unit)
@@ -90,33 +90,33 @@ def _law_plot(laws: Sequence[LawView], coordinate: str) -> Plot | None:
 
 
 def _law_traces(
-    law: LawView, coordinate: str, shown: Mask, where: str, place: int, hover: str
+    law: LawView, coordinate: str, shown: Mask, where: str, index: int, hover: str
 ) -> Iterator[Trace]:
     """What is measured, the whole law and its leading form, over a coordinate."""
     order = np.flatnonzero(shown)[np.argsort(law.coordinates[coordinate][shown], kind="stable")]
     u = law.coordinates[coordinate][order]
     if len(law.data):
         sigma, values = law.sigma[order], law.data[order]
-        measured = points(u, values, f"measured{where}", place + 1, sigma=sigma, hover=hover)
+        measured = points(u, values, f"measured{where}", index + 1, sigma=sigma, hover=hover)
         yield measured | {"opacity": 0.65}
     whole, leading = law.law[order], law.leading[order]
     completed = not np.allclose(leading, whole, atol=VISIBLE * _size([law]))
     name = f"law{', with what completes it' if completed else ''}{where}"
-    yield _joined(u, whole, name, place, "solid", hover)
+    yield _joined(u, whole, name, index, "solid", hover)
     if completed:
-        yield _joined(u, leading, f"its leading form alone{where}", place + 3, "dot", hover)
+        yield _joined(u, leading, f"its leading form alone{where}", index + 3, "dot", hover)
 
 
-def _joined(u: Array, values: Array, name: str, place: int, dash: str, hover: str) -> Trace:
+def _joined(u: Array, values: Array, name: str, index: int, dash: str, hover: str) -> Trace:
     """A law as a line where it is a curve over the coordinate, else as points; u: increasing."""
     path = float(np.abs(np.diff(values)).sum())
     if path < WAVES * float(np.ptp(values)):
         return line(
-            u, values, name, place, hover=hover, line={"color": colour(place), "dash": dash}
+            u, values, name, index, hover=hover, line={"color": colour(index), "dash": dash}
         )
     symbol = "diamond" if dash == "solid" else "diamond-open"
-    marker = {"size": 5, "symbol": symbol, "color": colour(place)}
-    return points(u, values, name, place, hover=hover, marker=marker)
+    marker = {"size": 5, "symbol": symbol, "color": colour(index)}
+    return points(u, values, name, index, hover=hover, marker=marker)
 
 
 def _where(view: LawView | View, views: Sequence[LawView] | Sequence[View]) -> str:
@@ -143,8 +143,8 @@ def coordinate_title(name: str) -> str:
     """``table_outer_deg`` -> ``outer angle, °``."""
     stem, unit = split_unit(name)
     axis = axis_of(stem)
-    words = WORDS.get(stem, f"{axis} angle" if axis else stem.replace("_", " along body "))
-    return f"{words}, {unit_sign(unit)}" if unit else words
+    text = WORDS.get(stem, f"{axis} angle" if axis else stem.replace("_", " along body "))
+    return f"{text}, {unit_sign(unit)}" if unit else text
 
 
 def heldout_plots(views: Sequence[View]) -> list[Plot]:
@@ -167,11 +167,11 @@ def _heldout_plot(views: Sequence[View]) -> Plot:
             points(time, view.after, f"after{where}", 2 * k, sigma=view.sigma, hover=label)
         )
     first, last = (_rms([getattr(v, side) for v in views]) for side in ("before", "after"))
-    words = f"rms of the means {first:.3g} {unit} before, {last:.3g} {unit} after"
+    text = f"rms of the means {first:.3g} {unit} before, {last:.3g} {unit} after"
     return Plot(
         traces,
-        f"{views[0].channel}: residual of blocks that were not fitted to; {words}.",
-        f"Residual of {views[0].channel} in held-out blocks against time: {words}",
+        f"{views[0].channel}: residual of blocks that were not fitted to; {text}.",
+        f"Residual of {views[0].channel} in held-out blocks against time: {text}",
         axes("time, s", f"{views[0].channel}, {unit}", showlegend=True),
         height=280,
     )
@@ -302,17 +302,17 @@ def lead(diagnosis: Diagnosis) -> str:
         if before is not None and after is not None
         else ""
     )
-    words = f"{', and '.join(parts)}{held}."
+    text = f"{', and '.join(parts)}{held}."
     if diagnosis.verdict == "cannot_tell":
-        return f"Not confirmed: {words}"
-    return words[:1].upper() + words[1:]
+        return f"Not confirmed: {text}"
+    return text[:1].upper() + text[1:]
 
 
 def _list(findings: Sequence[Finding]) -> str:
     """Findings in words; those of the same words together."""
     counts = Counter(map(_named, findings))
-    words = [f"{name}{f' ({n} times)' if n > 1 else ''}" for name, n in counts.items()]
-    return " and ".join(words)
+    texts = [f"{name}{f' ({n} times)' if n > 1 else ''}" for name, n in counts.items()]
+    return " and ".join(texts)
 
 
 def _named(finding: Finding) -> str:
@@ -325,8 +325,8 @@ def _named(finding: Finding) -> str:
         f"{name} {value:.4g} ± {sigma:.2g}"
         for name, (value, sigma) in list(finding.parameters.items())[:2]
     )
-    place = " ".join((*finding.sensors, ", ".join(finding.axes))).strip()
-    return f"{what}{f' on {place}' if place else ''}{f' ({sizes})' if sizes else ''}"
+    position = " ".join((*finding.sensors, ", ".join(finding.axes))).strip()
+    return f"{what}{f' on {position}' if position else ''}{f' ({sizes})' if sizes else ''}"
 
 
 def _rivals(finding: Finding) -> list[dict[str, Any]]:

@@ -54,7 +54,7 @@ def points(
     x: ArrayLike,
     y: ArrayLike,
     name: str,
-    place: int,
+    index: int,
     *,
     sigma: ArrayLike | None = None,
     text: Sequence[str] | None = None,
@@ -66,7 +66,7 @@ def points(
     Args:
         x, y: (n,).
         name: of the series.
-        place: of its colour in the palette.
+        index: of its colour in the palette.
         sigma: standard uncertainty of y, (n,).
         text: of each point, for its label.
         hover: the label, with units, below the name.
@@ -80,8 +80,8 @@ def points(
         "y": y,
         "name": name,
         "hovertemplate": label + "<extra></extra>",
-        "marker": {"size": 6, "color": colour(place)},
-        "line": {"color": colour(place)},
+        "marker": {"size": 6, "color": colour(index)},
+        "line": {"color": colour(index)},
     }
     if sigma is not None:
         trace["error_y"] = {"type": "data", "array": sigma, "thickness": 1, "width": 0}
@@ -90,9 +90,9 @@ def points(
     return trace | more
 
 
-def line(x: ArrayLike, y: ArrayLike, name: str, place: int, **more: Any) -> Trace:
+def line(x: ArrayLike, y: ArrayLike, name: str, index: int, **more: Any) -> Trace:
     """A series of points joined by a line. x, y: (n,)."""
-    return points(x, y, name, place, **({"mode": "lines"} | more))
+    return points(x, y, name, index, **({"mode": "lines"} | more))
 
 
 def axes(x: str, y: str, **more: Any) -> dict[str, Any]:

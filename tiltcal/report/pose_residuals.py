@@ -150,5 +150,5 @@ def expected_tilt(calibration: Calibration, setup: Setup) -> Tilt | None:
     if len(sensor.axes) == 1:
         return None
     before, after, over = predicted_tilt(setup, sensor, calibration)
-    words = f"{over}; by the parameters and their covariance (noise of the record)"
-    return Tilt(before / ARCSEC, after / ARCSEC, words)
+    text = f"{over}; by the parameters and their covariance (noise of the record)"
+    return Tilt(before / ARCSEC, after / ARCSEC, text)

@@ -110,9 +110,9 @@ def poses_of_steps(steps: Sequence[Step], setup: Setup, group: str) -> list[Pose
     ]
 
 
-def _turned(setup: Setup, places: Mapping[str, float]) -> dict[str, float]:
+def _turned(setup: Setup, positions: Mapping[str, float]) -> dict[str, float]:
     """Angles of the axes that turn, deg. places: of all axes, rad and m."""
-    return {name: float(places[name] / DEG) for name in setup.rig.kind.turning}
+    return {name: float(positions[name] / DEG) for name in setup.rig.kind.turning}
 
 
 def drive_of(poses: Sequence[Pose], setup: Setup) -> Drive:
@@ -134,26 +134,26 @@ def drive_of(poses: Sequence[Pose], setup: Setup) -> Drive:
 
 def _by_readout(recording: Recording, setup: Setup) -> Iterator[Pose]:
     course = replay(recording, setup)
-    rests = np.flatnonzero(np.bincount(course.stop[course.stop >= 0]))
-    if not len(rests):
+    standstills = np.flatnonzero(np.bincount(course.stop[course.stop >= 0]))
+    if not len(standstills):
         return
     order = np.flatnonzero(course.stop >= 0)
-    first = order[np.searchsorted(course.stop[order], rests)]
-    last = order[np.searchsorted(course.stop[order], rests, side="right") - 1]
+    first = order[np.searchsorted(course.stop[order], standstills)]
+    last = order[np.searchsorted(course.stop[order], standstills, side="right") - 1]
     middle = (first + last) // 2
     zero = np.zeros(len(middle))
     axes = {name: Jet(angle[middle], zero, zero) for name, angle in course.angles.items()}
     up = closed_form(setup, course.standing(course.time[middle], axes)).up
     starts = [start for start, _ in course.mounts[1:]]
-    words = str(recording.metadata.get("mount", setup.rig.mount)).split(";")
+    text = str(recording.metadata.get("mount", setup.rig.mount)).split(";")
     for k, row in enumerate(middle):
-        place = int(np.searchsorted(starts, course.time[row], side="right"))
+        position = int(np.searchsorted(starts, course.time[row], side="right"))
         yield Pose(
             up[k],
             _turned(setup, {name: angle[row] for name, angle in course.angles.items()}),
             float(course.time[first[k]] - course.time[0]),
-            f"{recording.source}, mount {words[place].rpartition(':')[2].strip()}",
-            course.mounts[place][1],
+            f"{recording.source}, mount {text[position].rpartition(':')[2].strip()}",
+            course.mounts[position][1],
         )
 
 

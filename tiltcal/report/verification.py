@@ -51,11 +51,11 @@ def parameter_figure(calibration: Calibration, truth: Mapping[str, float]) -> Pl
         "opacity": 0.12,
         "line": {"width": 0},
     }
-    words = f"{len(names) - outside} of {len(names)} parameters lie within 1.96 sigma of the truth"
+    text = f"{len(names) - outside} of {len(names)} parameters lie within 1.96 sigma of the truth"
     return Plot(
         [points(names, z, "error", 0, sigma=np.ones(len(z)), hover="%{x}: %{y:.3g} sigma")],
-        f"Estimated minus injected, in standard uncertainties: {words}.",
-        f"Error of each parameter over its sigma: {words}",
+        f"Estimated minus injected, in standard uncertainties: {text}.",
+        f"Error of each parameter over its sigma: {text}",
         axes("", "error / sigma", shapes=[band], showlegend=False),
     )
 
@@ -76,14 +76,14 @@ def tilt_figure(tilts: Sequence[tuple[str, TiltError]]) -> Plot:
         for i, part in enumerate(("before", "after", "predicted by the covariance"))
     ]
     before, after = (float(np.median([t.in_arcsec[i] for _, t in tilts])) for i in (0, 1))
-    words = f"median {before:.4g} arcsec before, {after:.3g} arcsec after"
+    text = f"median {before:.4g} arcsec before, {after:.3g} arcsec after"
     layout = axes("arcsec, rms", "", barmode="group", showlegend=True)
     layout["xaxis"]["type"] = "log"
     layout["yaxis"] |= {"autorange": "reversed"}
     return Plot(
         traces,
-        f"Tilt error, rms: {words}.",
-        f"Tilt error of {len(tilts)} results before and after calibration: {words}",
+        f"Tilt error, rms: {text}.",
+        f"Tilt error of {len(tilts)} results before and after calibration: {text}",
         layout,
         height=120 + 55 * len(tilts),
     )
@@ -128,11 +128,11 @@ def _residuals(
 def _scatter(x: Array, y: Array, names: Sequence[str], title: str, unit: str) -> Plot:
     hover = f"{title} %{{x:.5g}}<br>%{{y:.4g}} {unit}"
     rms = float(np.sqrt(np.mean(y**2)))
-    words = f"{len(x)} dwells, rms {rms:.3g} {unit}"
+    text = f"{len(x)} dwells, rms {rms:.3g} {unit}"
     return Plot(
         [points(x, y[:, i], name, i, hover=hover) for i, name in enumerate(names)],
-        f"Residuals of the dwells over {title}: {words}.",
-        f"Residuals of the dwells against {title}: {words}",
+        f"Residuals of the dwells over {title}: {text}.",
+        f"Residuals of the dwells against {title}: {text}",
         axes(title, f"residual, {unit}", showlegend=True),
     )
 

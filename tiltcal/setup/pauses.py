@@ -37,15 +37,15 @@ def breaks(time: Array, angles: Array, resting: Mask) -> Index:
     found = pauses(time)
     if not len(found):
         return found
-    codes = np.array([code_width(column) for column in angles.T])
+    levels = np.array([code_width(column) for column in angles.T])
     steps = np.abs(np.diff(angles[resting], axis=0))
-    noise = MAD_TO_SIGMA * np.median(steps, axis=0) / np.sqrt(2) if len(steps) else 0.0 * codes
+    noise = MAD_TO_SIGMA * np.median(steps, axis=0) / np.sqrt(2) if len(steps) else 0.0 * levels
     return np.array(
-        [row for row in found if not _same_rest(angles, resting, int(row), noise, codes)], np.intp
+        [row for row in found if not _same_rest(angles, resting, int(row), noise, levels)], np.intp
     )
 
 
-def _same_rest(angles: Array, resting: Mask, row: int, noise: Array, codes: Array) -> bool:
+def _same_rest(angles: Array, resting: Mask, row: int, noise: Array, steps: Array) -> bool:
     """Whether a table rests at one level before and from this row on."""
     if not (resting[row - 1] and resting[row]):
         return False
@@ -53,7 +53,7 @@ def _same_rest(angles: Array, resting: Mask, row: int, noise: Array, codes: Arra
     sides = [angles[side][resting[side]] for side in (before, after)]
     apart = np.abs(sides[0].mean(axis=0) - sides[1].mean(axis=0))
     fewest = min(len(side) for side in sides)
-    return bool((apart <= SAME * noise * np.sqrt(2 / fewest) + codes).all())
+    return bool((apart <= SAME * noise * np.sqrt(2 / fewest) + steps).all())
 
 
 def stretches(n: int, breaks: Index) -> list[slice]:

@@ -106,8 +106,8 @@ class Schedule:
 
     def labels(self, time: Array) -> "np.ndarray[tuple[int], np.dtype[np.object_]]":
         """The operator's label at each time, (n,) of str or None."""
-        words = np.array([leg.label for leg in self.legs], dtype=object)
-        return words[self.leg_of(time)]
+        text = np.array([leg.label for leg in self.legs], dtype=object)
+        return text[self.leg_of(time)]
 
     def mountings(self, time: Array) -> tuple[tuple[int, str], ...]:
         """(first row, mount) of each mounting. time: s."""
@@ -238,8 +238,8 @@ class _Builder:
     def _target(self, step: Step) -> Array:
         target = self.q.copy()
         table = self.rig.kind
-        for stated, places in (("deg", step.angles_deg), ("mm", step.lengths_mm)):
-            for name, place in places.items():
+        for stated, positions in (("deg", step.angles_deg), ("mm", step.lengths_mm)):
+            for name, position in positions.items():
                 k = self._index(name)
                 if table.unit(name) != stated:
                     raise TiltcalError(
@@ -248,7 +248,7 @@ class _Builder:
                         need=table.key(name),
                         do="correct the step",
                     )
-                target[k] = place * table.size(name)
+                target[k] = position * table.size(name)
         return target
 
     def _index(self, name: str) -> int:

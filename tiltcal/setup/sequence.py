@@ -112,7 +112,7 @@ class Step(StrictTable):
     def lengths_mm(self) -> dict[str, float]:
         """Place of each axis that slides and that the step names, mm."""
         given = {name: (self.model_extra or {}).get(length_key(name)) for name in sliding_axes()}
-        return {name: place for name, place in given.items() if place is not None}
+        return {name: position for name, position in given.items() if position is not None}
 
     @field_validator("up")
     @classmethod

@@ -89,12 +89,12 @@ def _going(
 ) -> dict[str, str]:
     """The row of a move."""
     table, target, longest = rig.kind, leg.q0 + leg.dq, {"deg": 0.0, "mm": 0.0}
-    places = {}
+    positions = {}
     for k, name in enumerate(rig.axis_names):
         unit, size = table.unit(name), table.size(name)
         longest[unit] = max(longest[unit], float(abs(leg.dq[k])) / size)
         if target[k] != here[k]:
-            places[table.key(name)] = _number(target[k] / size)
+            positions[table.key(name)] = _number(target[k] / size)
     rates = {
         f"rate_{unit}_s": _number(moved / (leg.t1 - leg.t0 - leg.ramp))
         for unit, moved in longest.items()
@@ -102,7 +102,7 @@ def _going(
     }
     return {
         "action": "turn" if longest["deg"] >= WHOLE_TURN - 1e-7 else "move",
-        **places,
+        **positions,
         **rates,
         "label": cell_of(leg.label or ""),
     }
@@ -165,8 +165,8 @@ def _step(row: Mapping[str, str | None], subject: str) -> Step:
             do=nearest(action, [*ACTIONS]),
         )
     known: dict[str, float] = {}
-    places = (*map(angle_key, axis_names()), *map(length_key, sliding_axes()))
-    for name in (*places, "rate_deg_s", "rate_mm_s", "dwell_s"):
+    positions = (*map(angle_key, axis_names()), *map(length_key, sliding_axes()))
+    for name in (*positions, "rate_deg_s", "rate_mm_s", "dwell_s"):
         cell = (row.get(name) or "").strip()
         if cell:
             known[name] = _value(cell, name, subject)

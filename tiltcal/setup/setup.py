@@ -30,11 +30,11 @@ class Site(StrictTable):
 
     @model_validator(mode="before")
     @classmethod
-    def _unknown_heading(cls, words: Any) -> Any:
+    def _unknown_heading(cls, text: Any) -> Any:
         """``heading = "unknown"`` is another way to write that the heading is not known."""
-        if not isinstance(words, dict) or words.get("heading") != "unknown":
-            return words
-        return {"heading_deg": "unknown"} | {k: v for k, v in words.items() if k != "heading"}
+        if not isinstance(text, dict) or text.get("heading") != "unknown":
+            return text
+        return {"heading_deg": "unknown"} | {k: v for k, v in text.items() if k != "heading"}
 
     @property
     def gravity(self) -> float:
@@ -91,17 +91,17 @@ class Rig(StrictTable):
 
     @model_validator(mode="before")
     @classmethod
-    def _table_of_links(cls, words: Any) -> Any:
+    def _table_of_links(cls, text: Any) -> Any:
         """The links of a user's own model are a table of their own."""
-        if not isinstance(words, dict) or not words.get("link"):
-            return words
-        chain = Chain.model_validate({k: words[k] for k in ("link", "instrument") if k in words})
+        if not isinstance(text, dict) or not text.get("link"):
+            return text
+        chain = Chain.model_validate({k: text[k] for k in ("link", "instrument") if k in text})
         if (problem := chain.problem()) is not None:
             raise ValueError(problem)
         name = add_model(chain).name
-        if words.get("table", name) != name:
-            raise ValueError(f"table '{words['table']}' with links; leave it out")
-        return {**words, "table": name}
+        if text.get("table", name) != name:
+            raise ValueError(f"table '{text['table']}' with links; leave it out")
+        return {**text, "table": name}
 
     @field_validator("mount")
     @classmethod
@@ -142,10 +142,10 @@ class Rig(StrictTable):
 
 
 @cache
-def _rig_at(rig: Rig, place: LinkFrame) -> Rig:
+def _rig_at(rig: Rig, position: LinkFrame) -> Rig:
     """A rig of a user's own model with the instrument somewhere else on it."""
-    words = rig.model_dump(exclude={"table"})
-    return Rig.model_validate({**words, "instrument": place.model_dump()})
+    text = rig.model_dump(exclude={"table"})
+    return Rig.model_validate({**text, "instrument": position.model_dump()})
 
 
 class Setup(StrictTable):

@@ -95,8 +95,8 @@ class Table:
     def columns(self, readout: Mapping[str, Array]) -> dict[str, Array]:
         """Columns ``table_<axis>_<unit>`` of a readout by axis, rad or m, (n,) each."""
         return {
-            f"{angle_channel(name)}_{self.unit(name)}": place / self.size(name)
-            for name, place in readout.items()
+            f"{angle_channel(name)}_{self.unit(name)}": position / self.size(name)
+            for name, position in readout.items()
         }
 
     @cached_property

@@ -143,15 +143,15 @@ class Rests:
     end: Array
 
     @classmethod
-    def at(cls, rests: "Callable[[], Rests] | None", time: Array, stop: Index) -> "Rests":
-        """What ``rests`` returns, or else the rows of each stop.
+    def at(cls, standstills: "Callable[[], Rests] | None", time: Array, stop: Index) -> "Rests":
+        """What ``standstills`` returns, or else the rows of each stop.
 
         Args:
-            rests: see ``Drive``.
+            standstills: see ``Drive``.
             time: s, (n,).
             stop: number of the stop of each row, -1 while moving, (n,).
         """
-        return cls.of_rows(time, stop) if rests is None else rests()
+        return cls.of_rows(time, stop) if standstills is None else standstills()
 
     @classmethod
     def of_rows(cls, time: Array, stop: Index) -> "Rests":

@@ -74,9 +74,9 @@ def pooled_noise(residuals: Sequence[Array]) -> tuple[Array, float]:
     k = residuals[0].shape[1]
     dof = max(sum(len(r) - 1 for r in residuals), 1)
     covariance = sum((r.T @ r for r in residuals), np.zeros((k, k))) / dof
-    codes = np.array([code_width(residuals[0][:, i]) for i in range(k)])
+    steps = np.array([code_width(residuals[0][:, i]) for i in range(k)])
     floor = np.maximum(
-        np.where(codes**2 / 12 < 1e-4 * np.diag(covariance), 0.0, codes**2 / 12), ARITHMETIC**2
+        np.where(steps**2 / 12 < 1e-4 * np.diag(covariance), 0.0, steps**2 / 12), ARITHMETIC**2
     )
     covariance = covariance + np.diag(np.maximum(floor - np.diag(covariance), 0.0))
     return covariance, _inflation(residuals, np.diag(covariance), dof)
@@ -122,20 +122,20 @@ def left_by_rounding(noise: Array) -> Array:
     return np.asarray(waves.sum(axis=0))
 
 
-def rounding_variance(codes: Array, residuals: Sequence[Array], means: Array) -> Array:
+def rounding_variance(steps: Array, residuals: Sequence[Array], means: Array) -> Array:
     """What rounding leaves in the mean of each dwell, (m, k).
 
     Dwells whose means lie within half a code have the same error: their variance is multiplied by
     their number, so that together they weigh as one.
 
     Args:
-        codes: widths, 0 where a channel has none, (k,).
+        steps: widths, 0 where a channel has none, (k,).
         residuals: of each dwell, (n_i, k).
         means: of each, (m, k); in the unit of the codes.
     """
     found = np.zeros_like(means)
     dof = max(sum(len(r) - 1 for r in residuals), 1)
-    for i, code in enumerate(codes):
+    for i, code in enumerate(steps):
         variance = sum(float(r[:, i] @ r[:, i]) for r in residuals) / dof
         if code <= 0 or variance > code**2:
             continue

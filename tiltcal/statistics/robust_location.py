@@ -46,13 +46,13 @@ class Locations:
     scale: Array
 
 
-def locations(chunks: Sequence[Array], estimator: str, codes: Array) -> Locations:
-    """Locations of dwells, one (n_i, k) array each; codes: width of each channel's code, (k,)."""
+def locations(chunks: Sequence[Array], estimator: str, steps: Array) -> Locations:
+    """Locations of dwells, one (n_i, k) array each; steps: width of each channel's code, (k,)."""
     medians = np.array([np.median(c, axis=0) for c in chunks])
     scale = np.array(
         [
-            _scale([c[:, i] - m[i] for c, m in zip(chunks, medians, strict=True)], codes[i])
-            for i in range(len(codes))
+            _scale([c[:, i] - m[i] for c, m in zip(chunks, medians, strict=True)], steps[i])
+            for i in range(len(steps))
         ]
     )
     if estimator == "mean":

@@ -77,8 +77,8 @@ class SplineBasis:
         begins, ends = np.array(self.rests).reshape(-1, 2).T
         which = np.searchsorted(begins, middle, side="right") - 1
         inside = (which >= 0) & (middle <= ends[which] if len(ends) else False)
-        rest = np.where(inside, which, -1)
-        tied = (rest[1:] == rest[:-1]) & (rest[1:] >= 0)
+        standstill = np.where(inside, which, -1)
+        tied = (standstill[1:] == standstill[:-1]) & (standstill[1:] >= 0)
         return np.concatenate([[0], np.cumsum(~tied)])
 
     @cached_property

@@ -186,8 +186,8 @@ def _judged(
     failed = [run.row for run in runs if run.row.error is not None]
     if failed:
         first, where = failed[0], f"{len(failed)} of {len(runs)} runs, first seed {failed[0].seed}"
-        words = first.error if len(runs) == 1 else f"{first.error} ({where})"
-        return MethodResult(table.title, tuple(runs), seconds=seconds, error=words)
+        text = first.error if len(runs) == 1 else f"{first.error} ({where})"
+        return MethodResult(table.title, tuple(runs), seconds=seconds, error=text)
     try:
         budget = _budget(scenario, table, recording)
     except TiltcalError as error:

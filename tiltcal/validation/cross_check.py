@@ -109,8 +109,8 @@ def check(
     chi2 = float(residual @ np.linalg.solve(covariance, residual))
     own = measure.covariance(calibration, rotation=False)
     expected = float(np.sqrt(np.trace(own) / len(poses)))
-    words = f"errors against noise and covariance over {len(poses)} dwells"
-    test = chi2_test(AGREES, chi2, dof, words)
+    text = f"errors against noise and covariance over {len(poses)} dwells"
+    test = chi2_test(AGREES, chi2, dof, text)
     return _answer(error, expected, test, "norm" if by_norm else "tilt", limit, poses)
 
 
@@ -241,8 +241,8 @@ def _table_check(
             do="record dwells on the table it was made on, at angles inside it",
         )
     e, v = np.array(error), np.array(variance)
-    words = f"{len(e)} dwells against noise and table"
-    test = chi2_test(AGREES, float(np.sum(e**2 / v)), len(e), words)
+    text = f"{len(e)} dwells against noise and table"
+    test = chi2_test(AGREES, float(np.sum(e**2 / v)), len(e), text)
     keep = np.isin(np.arange(len(poses)), used)
     return _answer(np.abs(e), float(np.sqrt(v.mean())), test, "table", limit, poses.subset(keep))
 

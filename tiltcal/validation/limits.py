@@ -100,12 +100,12 @@ def missing_limit(required: Sequence[str], rows: Sequence[Row]) -> Limit:
         for name in required:
             if name not in returned:
                 missing[name] = missing.get(name, 0) + 1
-    words = ", ".join(
+    text = ", ".join(
         name if count == len(rows) else f"{name} in {count} of {len(rows)} runs"
         for name, count in missing.items()
     )
     name, allowed = "required parameters that are missing", f"none of {len(required)}"
-    return Limit(name, float(len(missing)), allowed, not missing, where=words)
+    return Limit(name, float(len(missing)), allowed, not missing, where=text)
 
 
 def parameter_judges(rows: Sequence[Row]) -> Iterator[Judge]:
@@ -115,9 +115,9 @@ def parameter_judges(rows: Sequence[Row]) -> Iterator[Judge]:
     z = errors_in_sigmas(rows)
     if not z or any(np.any(~np.isfinite(e)) for e in z.values()):
         names = [name for name, e in z.items() if np.any(~np.isfinite(e))]
-        words = "a sigma above 0" if names else "a truth to compare with"
+        text = "a sigma above 0" if names else "a truth to compare with"
         where = ", ".join(names)
-        yield lambda _: Limit("parameters against the truth", 0.0, words, False, where=where)
+        yield lambda _: Limit("parameters against the truth", 0.0, text, False, where=where)
         return
     yield lambda share: _nees(rows, share)
     yield lambda share: _worst_error(rows, z, share)
@@ -300,10 +300,8 @@ class TiltLimit:
         allowed = self._allowed(share / len(self.ratio))
         k = int(np.argmax(self.ratio / allowed))
         passed = bool(np.all(self.ratio <= allowed))
-        figure, words = self.shown(self.ratio[k]), self._words(allowed[k])
-        return Limit(
-            f"{self.stem}, worst run", figure, words, passed, where=f"seed {self.seeds[k]}"
-        )
+        figure, text = self.shown(self.ratio[k]), self._words(allowed[k])
+        return Limit(f"{self.stem}, worst run", figure, text, passed, where=f"seed {self.seeds[k]}")
 
     def below_quantile(self, share: float) -> Limit:
         """The number of runs beyond the quantile of an error at the limit (binomial)."""
@@ -432,8 +430,6 @@ def _verdict_limit(table: MethodTable, rows: Sequence[Row], share: float) -> Lim
     if table.expect == "good" and len(rows) > 1 and all(r.verdict != "cannot_tell" for r in rows):
         tests = max(r.tests for r in rows)
         allowed = int(binom.isf(share, len(rows), 1 - (1 - SIGNIFICANCE) ** tests)) if tests else 0
-    words = ", ".join(
-        f"{v} x{shown.count(v)}" if len(rows) > 1 else v for v in dict.fromkeys(shown)
-    )
+    text = ", ".join(f"{v} x{shown.count(v)}" if len(rows) > 1 else v for v in dict.fromkeys(shown))
     expected = f"{table.expect}, at most {allowed} others"
-    return Limit(f"verdict ({words})", float(wrong), expected, wrong <= allowed)
+    return Limit(f"verdict ({text})", float(wrong), expected, wrong <= allowed)

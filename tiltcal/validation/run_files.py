@@ -131,8 +131,8 @@ def _add_cases(suite: ElementTree.Element, result: ScenarioResult, method: Metho
     """One case a limit; one for the calibration where there is none."""
     name, seconds = f"{result.source}.{method.title}", f"{method.seconds:.3f}"
     for limit in method.limits or (Limit("calibration", np.nan, method.error or "", False),):
-        words = {"classname": _printable(name), "name": _printable(limit.name), "time": seconds}
-        case = ElementTree.SubElement(suite, "testcase", words)
+        labels = {"classname": _printable(name), "name": _printable(limit.name), "time": seconds}
+        case = ElementTree.SubElement(suite, "testcase", labels)
         if not limit.passed or method.error:
             where = f" ({limit.where})" if limit.where else ""
             reached = f"reached {limit.reached:.6g}{where}, allowed {limit.allowed}"

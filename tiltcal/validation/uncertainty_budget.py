@@ -231,8 +231,8 @@ def sources(tables: Iterable[SourceTable], setup: Setup, stops: Sequence[Segment
             where = table.axis or table.sensor
             stem = key.removesuffix(f"_{unit}")
             named = f"{table.id}{f'[{where}]' if where else ''}"
-            words = named if stem == table.id else f"{named} {stem}"
-            found.append(Source(words, float(size), unit, table.distribution, shifts))
+            text = named if stem == table.id else f"{named} {stem}"
+            found.append(Source(text, float(size), unit, table.distribution, shifts))
     return found
 
 

@@ -100,28 +100,28 @@ def _dask(address: str | None, jobs: int) -> Iterator[Engine]:
         ) from error
     make_cluster: Any = LocalCluster
     with ExitStack() as stack:
-        place: Any = f"tcp://{address}"
+        position: Any = f"tcp://{address}"
         if address is None:
-            place = stack.enter_context(
+            position = stack.enter_context(
                 make_cluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
             )
-        client = stack.enter_context(_client(place))
+        client = stack.enter_context(_client(position))
         executor = client.get_executor(pure=False, retries=RETRIES)
         alive = ("running", "connecting")
         yield Engine(executor, sum(client.nthreads().values()), lambda: client.status in alive)
 
 
-def _client(place: Any) -> Any:
+def _client(position: Any) -> Any:
     """A client of a scheduler that has workers."""
     from distributed import Client
 
     make: Any = Client
     try:
-        client = make(place, timeout=CONNECTING_S)
+        client = make(position, timeout=CONNECTING_S)
     except (OSError, ValueError) as error:
         raise TiltcalError(
             "option --engine",
-            found=f"no Dask scheduler at {place}: {error}",
+            found=f"no Dask scheduler at {position}: {error}",
             need="the address that `dask scheduler` prints",
             do="start it, or correct the address",
         ) from error
@@ -129,7 +129,7 @@ def _client(place: Any) -> Any:
         client.close()
         raise TiltcalError(
             "option --engine",
-            found=f"a Dask scheduler at {place} without workers",
+            found=f"a Dask scheduler at {position} without workers",
             need="at least one",
             do="start `dask worker`",
         )

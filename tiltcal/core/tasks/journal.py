@@ -81,13 +81,13 @@ class Journal:
         try:
             yield
         except (sqlite3.Error, zlib.error, UnicodeDecodeError, TypeError) as error:
-            words = str(error)
+            text = str(error)
             need, do = "free space for it", "free some space and run the same command again"
-            if "locked" in words:
+            if "locked" in text:
                 need, do = "one that no other process writes to", "wait for that process, or end it"
-            elif not isinstance(error, sqlite3.Error) or any(w in words for w in DAMAGED):
+            elif not isinstance(error, sqlite3.Error) or any(w in text for w in DAMAGED):
                 need, do = "a journal", "choose another output, or remove it and start again"
-            raise TiltcalError(f"journal {self.path}", found=words, need=need, do=do) from error
+            raise TiltcalError(f"journal {self.path}", found=text, need=need, do=do) from error
 
 
 @contextmanager

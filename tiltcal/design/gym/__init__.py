@@ -18,10 +18,10 @@ RIG = "tiltcal/Rig-v0"
 
 def register_envs() -> None:
     """Register the environments; twice does no harm."""
-    places = {
+    positions = {
         id: (f"environment:{name}", f"environment:{name}Vector") for id, name in IDS.items()
     } | {RIG: ("rig_environment:RigEnvironment", "rig_environment:RigEnvironmentVector")}
-    for id, (single, many) in places.items():
+    for id, (single, many) in positions.items():
         if id not in gymnasium.registry:
             gymnasium.register(
                 id,

@@ -79,9 +79,9 @@ class AxisLimits:
         return cls(fastest * sizes, hardest * sizes, *(ends * sizes[:, None]).T)
 
 
-def _require_positive(word: str, value: float) -> None:
+def _require_positive(token: str, value: float) -> None:
     if not 0 < value < np.inf:
-        raise _refused(word, f"{value:g}", "a positive number")
+        raise _refused(token, f"{value:g}", "a positive number")
 
 
 def _stated(
@@ -92,8 +92,8 @@ def _stated(
     for axis, (least, most) in (ranges or {}).items():
         name = one_of(axis, names, f"environment, limits_{unit}", "axis")
         if not least <= 0 <= most or least == most:
-            words = f"{least:g} to {most:g}"
-            raise _refused(f"limits_{unit} of {name}", words, "low <= 0 <= high")
+            text = f"{least:g} to {most:g}"
+            raise _refused(f"limits_{unit} of {name}", text, "low <= 0 <= high")
         yield name, (least, most)
 
 
@@ -154,8 +154,8 @@ class AxisMotion:
         return -lowest, highest
 
 
-def _refused(word: str, found: str, need: str) -> TiltcalError:
-    return TiltcalError(f"environment, {word}", found=found, need=need, do="correct it")
+def _refused(token: str, found: str, need: str) -> TiltcalError:
+    return TiltcalError(f"environment, {token}", found=found, need=need, do="correct it")
 
 
 GRADE = "mid_mems"  # whose plausible sizes are the prior
@@ -365,9 +365,9 @@ class Rigs:
         """The readout, rad within half a turn, or m, and the readings, SI; zero where none came
         yet.
         """
-        place = self.motion.place
-        turned = (place + np.pi) % (2 * np.pi) - np.pi
-        seen = {READOUT: np.where(self.slides, place, turned)}
+        position = self.motion.place
+        turned = (position + np.pi) % (2 * np.pi) - np.pi
+        seen = {READOUT: np.where(self.slides, position, turned)}
         for sensor in self.scenario.sensor:
             most = LARGEST[sensor.kind]
             seen[sensor.name] = np.nan_to_num(np.clip(readings[sensor.name], -most, most))

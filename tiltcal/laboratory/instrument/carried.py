@@ -129,8 +129,8 @@ class CarriedInstrument:
 
 def _by_place(scenario: Scenario) -> list[tuple[Sensor, ...]]:
     """The sensors that sit together."""
-    places = list(dict.fromkeys(sensor.place for sensor in scenario.sensor))
-    return [tuple(s for s in scenario.sensor if s.place == place) for place in places]
+    positions = list(dict.fromkeys(sensor.place for sensor in scenario.sensor))
+    return [tuple(s for s in scenario.sensor if s.place == position) for position in positions]
 
 
 def geometry_of(effects: Sequence[Effect], realised: Sequence[str] = ()) -> list[Effect]:

@@ -102,14 +102,14 @@ class AxisDrive:
         if not self.stuck:
             self._follow(time, max(-self.rate, min(self.rate, rate)))
 
-    def go(self, time: float, place: float) -> None:
+    def go(self, time: float, position: float) -> None:
         """Go to a place, rad or m, by a smooth trapezoid of the rate and rest there; time: s."""
-        self.demand = place
+        self.demand = position
         if self.stuck:
             return
         self._follow(time, 0.0)
         last = self.pieces[-1]
-        way = place - last.x
+        way = position - last.x
         if way == 0:
             return
         sign, mean = (1.0 if way > 0 else -1.0), self.acceleration / 2
@@ -118,7 +118,7 @@ class AxisDrive:
         self._extend(ramp, sign * peak)
         self._extend(abs(way) / peak - ramp, 0.0)
         self._extend(ramp, -sign * peak)
-        self.pieces[-1] = Piece(self.pieces[-1].start, place, 0.0)
+        self.pieces[-1] = Piece(self.pieces[-1].start, position, 0.0)
 
     def seize(self, time: float, stuck: bool) -> None:
         """Stick where it is, or come free. time: s."""
@@ -126,9 +126,9 @@ class AxisDrive:
             self.hold(time, self.at(time)[0])
         self.stuck = stuck
 
-    def hold(self, time: float, place: float) -> None:
+    def hold(self, time: float, position: float) -> None:
         """Rest at a place from an instant on, s."""
-        self.pieces = [Piece(time, place, 0.0)]
+        self.pieces = [Piece(time, position, 0.0)]
 
     def _follow(self, time: float, rate: float) -> None:
         x, v, _ = self.at(time)

@@ -89,16 +89,16 @@ class Interpreter:
         return f'{code},"{ERRORS[code]}"'
 
     def _run(self, text: str) -> str | None:
-        header, _, rest = text.partition(" ")
+        header, _, remainder = text.partition(" ")
         command = self.commands.get(header.lower().removeprefix(":"))
         if command is None:
             raise CommandError(-113)
-        words = [word.strip() for word in _split(rest, ",")] if rest.strip() else []
-        if len(words) < command.least:
+        message = [token.strip() for token in _split(remainder, ",")] if remainder.strip() else []
+        if len(message) < command.least:
             raise CommandError(-109)
-        if len(words) > command.most:
+        if len(message) > command.most:
             raise CommandError(-108)
-        return command.run(words)
+        return command.run(message)
 
 
 def forms(header: str) -> list[str]:
@@ -118,14 +118,14 @@ def _split(text: str, mark: str) -> list[str]:
     return re.findall(rf"(?:\"[^\"]*\"|'[^']*'|[^{mark}])+", text)
 
 
-def number(word: str, low: float = -LARGEST, high: float = LARGEST) -> float:
+def number(token: str, low: float = -LARGEST, high: float = LARGEST) -> float:
     """A parameter as a number.
 
     Raises:
         CommandError: it is none, or out of range.
     """
     try:
-        value = float(word)
+        value = float(token)
     except ValueError as error:
         raise CommandError(-120) from error
     if not low <= value <= high:
@@ -133,13 +133,13 @@ def number(word: str, low: float = -LARGEST, high: float = LARGEST) -> float:
     return value
 
 
-def whole(word: str, low: int, high: int) -> int:
+def whole(token: str, low: int, high: int) -> int:
     """A parameter as a whole number.
 
     Raises:
         CommandError: it is none, or out of range.
     """
-    value = number(word, low, high)
+    value = number(token, low, high)
     if value != int(value):
         raise CommandError(-224)
     return int(value)
@@ -184,7 +184,7 @@ class TableCommands:
         units = {"POSition": 0, "RATE": 1, "ACCeleration": 2}
         modes: dict[str, Mode] = {"POSition": "position", "RATE": "rate", "OFF": "off"}
         return {
-            **{f":MODe:{word}": self._for_axis(self._mode(m)) for word, m in modes.items()},
+            **{f":MODe:{token}": self._for_axis(self._mode(m)) for token, m in modes.items()},
             ":MODe?": self._for_axis(lambda axis: axis.mode.upper()),
             ":DEMand:POSition": self._for_axis(self._position, 1),
             ":DEMand:RATE": self._for_axis(self._rate, 1),
@@ -201,8 +201,8 @@ class TableCommands:
     def _faults(self) -> dict[str, Command]:
         table = self.table
 
-        def lose(words: list[str]) -> None:
-            table.to_lose = whole(words[0], 0, 10**9)
+        def lose(texts: list[str]) -> None:
+            table.to_lose = whole(texts[0], 0, 10**9)
 
         return {
             ":INTerlock:OPEN": Command(lambda _: self._interlock(False)),
@@ -217,9 +217,9 @@ class TableCommands:
     def _for_axis(self, act: Callable[..., str | None], more: int = 0) -> Command:
         """A command whose first parameter is the number of an axis."""
 
-        def run(words: list[str]) -> str | None:
+        def run(texts: list[str]) -> str | None:
             axes = list(self.table.axes.values())
-            return act(axes[whole(words[0], 1, len(axes)) - 1], *words[1:])
+            return act(axes[whole(texts[0], 1, len(axes)) - 1], *texts[1:])
 
         return Command(run, 1 + more, 1 + more)
 
@@ -255,15 +255,15 @@ class TableCommands:
         if axis.mode != mode:
             raise CommandError(-221)
 
-    def _position(self, axis: AxisDrive, word: str) -> None:
+    def _position(self, axis: AxisDrive, token: str) -> None:
         self._ready(axis, "position")
         low, high = max(-LARGEST, axis.low / axis.unit), min(LARGEST, axis.high / axis.unit)
-        axis.go(self.table.time, number(word, low, high) * axis.unit)
+        axis.go(self.table.time, number(token, low, high) * axis.unit)
 
-    def _rate(self, axis: AxisDrive, word: str) -> None:
+    def _rate(self, axis: AxisDrive, token: str) -> None:
         self._ready(axis, "rate")
         most = axis.rate / axis.unit
-        axis.turn(self.table.time, number(word, -most, most) * axis.unit)
+        axis.turn(self.table.time, number(token, -most, most) * axis.unit)
 
     def _read(self, part: int) -> Callable[[AxisDrive], str]:
         def read(axis: AxisDrive) -> str:
@@ -273,10 +273,10 @@ class TableCommands:
         return read
 
     def _limit(self, name: str) -> Callable[[AxisDrive, str], None]:
-        def change(axis: AxisDrive, word: str) -> None:
+        def change(axis: AxisDrive, token: str) -> None:
             if axis.moving(self.table.time):
                 raise CommandError(-221)
-            setattr(axis, name, number(word, TINY) * axis.unit)
+            setattr(axis, name, number(token, TINY) * axis.unit)
 
         return change
 
@@ -286,8 +286,8 @@ class TableCommands:
             raise CommandError(-222)
         axis.low, axis.high = ends
 
-    def _mount(self, words: list[str]) -> None:
-        text = words[0].strip("\"'")
+    def _mount(self, texts: list[str]) -> None:
+        text = texts[0].strip("\"'")
         try:
             parse_mount(text)
         except TiltcalError as error:
@@ -301,8 +301,8 @@ class TableCommands:
         if not closed:
             self.table.trip()
 
-    def _slip(self, axis: AxisDrive, word: str) -> None:
-        axis.slip += number(word, -360, 360) * axis.unit
+    def _slip(self, axis: AxisDrive, token: str) -> None:
+        axis.slip += number(token, -360, 360) * axis.unit
 
-    def _stick(self, axis: AxisDrive, word: str) -> None:
-        axis.seize(self.table.time, bool(whole(word, 0, 1)))
+    def _stick(self, axis: AxisDrive, token: str) -> None:
+        axis.seize(self.table.time, bool(whole(token, 0, 1)))

@@ -115,8 +115,8 @@ class RateTable:
         self.mount, self.interlock = scenario.rig.mount, True
         self.counter, self.time, self.to_lose = 0, 0.0, 0
         sensors = [f"{s.name}_{a}_{s.column_unit}" for s in scenario.sensor for a in s.axes]
-        places = [f"{angle_channel(name)}_{rig.kind.unit(name)}" for name in self.axes]
-        self.format = FrameFormat((*places, *sensors, "temperature_degC"))
+        positions = [f"{angle_channel(name)}_{rig.kind.unit(name)}" for name in self.axes]
+        self.format = FrameFormat((*positions, *sensors, "temperature_degC"))
 
     def advance(self, time: float) -> Iterator[Frame]:
         """The frames up to an instant, s; what is demanded next acts from there on."""
@@ -184,12 +184,12 @@ class RateTable:
     def _frames(self, stamps: Array) -> Iterator[Frame]:
         drive = self.drive(stamps)
         motions = self.instrument.motions(drive)
-        places = np.column_stack(
+        positions = np.column_stack(
             [np.asarray(jet.x) / self.axes[name].unit for name, jet in drive.axes.items()]
         )
         for k, time in enumerate(stamps):
             found = self.instrument.step(motions, slice(k, k + 1))
-            values = places[k].tolist()
+            values = positions[k].tolist()
             for sensor in self.scenario.sensor:
                 due = self.counter % round(self.rate_hz / sensor.rate_hz) == 0
                 column = to_column(

@@ -144,8 +144,8 @@ def _padded(text: str) -> str:
     found = _PARTS.fullmatch(text)
     if found is None:
         return text
-    year, month, day, hour, rest = found.groups()
-    return f"{year}-{int(month):02d}-{int(day):02d}T{int(hour):02d}:{rest}"
+    year, month, day, hour, standstill = found.groups()
+    return f"{year}-{int(month):02d}-{int(day):02d}T{int(hour):02d}:{standstill}"
 
 
 def _no_stamp(texts: list[str], source: str) -> TiltcalError:

@@ -73,7 +73,7 @@ def find_dialect(head: str, encoding: str, why: str) -> Dialect | None:
     if start is None:
         return None
     head_words, reasons = _head(lines, start, best)
-    words = FileWords.model_validate(
+    text = FileWords.model_validate(
         {
             "separator": best.separator,
             "decimal": best.decimal,
@@ -89,7 +89,7 @@ def find_dialect(head: str, encoding: str, why: str) -> Dialect | None:
         "encoding": why,
     }
     doubts = [*_decimal_doubts(best)]
-    return Dialect(words, reasons, doubts, stated_values(lines[:start]))
+    return Dialect(text, reasons, doubts, stated_values(lines[:start]))
 
 
 def _grids(content: Sequence[str], quoted: bool) -> list[Grid]:

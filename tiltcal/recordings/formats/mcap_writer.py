@@ -102,14 +102,14 @@ def imu_messages(stamps: Stamps, force: Array | None, rate: Array | None) -> Ite
     numbers = np.zeros((len(stamps), _IMU))
     numbers[:, 3] = 1.0
     numbers[:, 4] = -1.0
-    for values, place, covariance in (
+    for values, position, covariance in (
         (rate, _RATE, _RATE_COVARIANCE),
         (force, _FORCE, _FORCE_COVARIANCE),
     ):
         if values is None:
             numbers[:, covariance] = -1.0
         else:
-            numbers[:, place : place + 3] = values
+            numbers[:, position : position + 3] = values
     return _messages(stamps, b"", numbers)
 
 

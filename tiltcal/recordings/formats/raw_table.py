@@ -59,9 +59,9 @@ class RawTable:
         if not 0 <= index < len(names):
             named = any(name != str(i + 1) for i, name in enumerate(names))
             valid = names if named else [str(i + 1) for i in range(len(names))]
-            place = f", table {self.name}" if self.name else ""
+            position = f", table {self.name}" if self.name else ""
             raise TiltcalError(
-                f"foreign recording {source}{place}",
+                f"foreign recording {source}{position}",
                 found=f"no column {which}",
                 need="a column of it",
                 do=nearest(str(which), valid),

@@ -40,7 +40,7 @@ class Format:
     marks: tuple[bytes, ...] = ()
     suffixes: tuple[str, ...] = ()
 
-    def read(self, path: Path, words: FileWords, budget: ReadBudget) -> RawFile:
+    def read(self, path: Path, text: FileWords, budget: ReadBudget) -> RawFile:
         """The raw tables of a file.
 
         Raises:
@@ -49,7 +49,7 @@ class Format:
         module, _, function = self.reader.partition(":")
         reader = getattr(importlib.import_module(f"{__package__}.{module}"), function)
         try:
-            return reader(path, words, budget) if self is TEXT else reader(path, budget)
+            return reader(path, text, budget) if self is TEXT else reader(path, budget)
         except TiltcalError:
             raise
         except Exception as error:  # libraries raise anything on a broken file
@@ -109,15 +109,15 @@ def format_of(path: Path) -> Format:
     return TEXT
 
 
-def read_raw(path: Path, words: FileWords, budget: ReadBudget | None = None) -> RawFile:
+def read_raw(path: Path, text: FileWords, budget: ReadBudget | None = None) -> RawFile:
     """The raw tables of a foreign file.
 
     Args:
         path: of the file.
-        words: the layout, for text.
+        text: the layout, for text.
         budget: how much memory the values may take.
 
     Raises:
         TiltcalError: as ``Format.read`` and ``format_of`` do.
     """
-    return format_of(path).read(path, words, budget or ReadBudget())
+    return format_of(path).read(path, text, budget or ReadBudget())

@@ -33,8 +33,8 @@ def read_tdms(path: Path, budget: ReadBudget) -> RawFile:
     if not tables:
         by_length((), {}, path.name)  # says what is missing
     if cut and tables:
-        said = {**tables[0].metadata, DAMAGED: "its last segment is not whole"}
-        tables[0] = replace(tables[0], metadata=said)
+        message = {**tables[0].metadata, DAMAGED: "its last segment is not whole"}
+        tables[0] = replace(tables[0], metadata=message)
     return RawFile(path.name, "TDMS", tuple(tables))
 
 

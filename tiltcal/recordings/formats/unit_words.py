@@ -55,22 +55,22 @@ _TAILS = (
 )
 
 
-def unit_of(word: str) -> str | None:
+def unit_of(token: str) -> str | None:
     """The unit that a word states: one of a recording's, ``kelvin``, ``degF``, ``gal`` or
     ``other``; None where it states none.
     """
-    word = word.strip().strip("[](){}<>\"'").strip()
-    word = word.replace("μ", "µ").replace("²", "2").replace("·", ".").replace(" ", "")
-    if word in ("G", "Mg"):
+    token = token.strip().strip("[](){}<>\"'").strip()
+    token = token.replace("μ", "µ").replace("²", "2").replace("·", ".").replace(" ", "")
+    if token in ("G", "Mg"):
         return None
-    return _BY_WORD.get(word.lower())
+    return _BY_WORD.get(token.lower())
 
 
 def stated_unit(name: str) -> str | None:
     """The unit that the name of a column states: in brackets, or as its last part."""
     bracketed = _BRACKETS.findall(name)
-    for word in bracketed:
-        unit = unit_of(word)
+    for token in bracketed:
+        unit = unit_of(token)
         if unit is not None:
             return unit
     lower = name.lower().rstrip("_")

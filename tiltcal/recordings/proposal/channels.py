@@ -168,6 +168,6 @@ def _mended(raw: Raw, name: str, decimal: str) -> tuple[Raw, list[Finding]]:
     if np.isfinite(values).sum() <= _MOSTLY * max(len(raw) - sum(t is None for t in raw), 1):
         return raw, []
     rows = tuple(int(k) + 1 for k in bad[:3])
-    places = ", ".join(map(str, rows)) + (", ..." if len(bad) > len(rows) else "")
-    text = f"{name}: {len(bad)} cells are no numbers, first in data row {places}"
+    positions = ", ".join(map(str, rows)) + (", ..." if len(bad) > len(rows) else "")
+    text = f"{name}: {len(bad)} cells are no numbers, first in data row {positions}"
     return values, [Finding("text", name, len(bad), rows, text, "empty_text")]

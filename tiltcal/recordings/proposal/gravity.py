@@ -49,23 +49,25 @@ def unit_by_norm(windows: Windows | None, stated: str, whole: bool) -> UnitGuess
         return _as_stated(stated, "too few rows to see a standstill")
     norm, spread = norm_at_rest(windows)
     near = [u for u, size in NORMS.items() if abs(norm / size - 1) < _NEAR and spread < _EVEN]
-    said = f"norm at rest {norm:.4g}"
+    message = f"norm at rest {norm:.4g}"
     if stated in ("LSB", "V", "mV", "mA"):
-        return UnitGuess(stated, f"the file says {stated}", f"its zero and scale ({said} {stated})")
+        return UnitGuess(
+            stated, f"the file says {stated}", f"its zero and scale ({message} {stated})"
+        )
     if stated == "gal" and abs(norm / _GAL - 1) < _NEAR:
-        return UnitGuess("m_s2", f"the file says cm/s2; {said}", scale=0.01)
+        return UnitGuess("m_s2", f"the file says cm/s2; {message}", scale=0.01)
     if stated in NORMS:
         if stated in near:
-            return UnitGuess(stated, f"the file says {stated}, and the {said} agrees")
+            return UnitGuess(stated, f"the file says {stated}, and the {message} agrees")
         return UnitGuess(
-            "", "", f"the unit: the file says {stated}, but the {said} is not {NORMS[stated]:g}"
+            "", "", f"the unit: the file says {stated}, but the {message} is not {NORMS[stated]:g}"
         )
     if not near:
-        return _counts(whole, said)
+        return _counts(whole, message)
     if near == ["mg"] and ((whole and norm > 1005) or abs(norm / _GAL - 1) < 0.01):
         other = "1024 counts a g" if norm > 1005 else "cm/s2"
-        return UnitGuess("", "", f"the unit: {said} is 1000 mg or {other}")
-    return UnitGuess(near[0], f"{said}, as gravity in {near[0]}")
+        return UnitGuess("", "", f"the unit: {message} is 1000 mg or {other}")
+    return UnitGuess(near[0], f"{message}, as gravity in {near[0]}")
 
 
 def _as_stated(stated: str, why: str) -> UnitGuess:
@@ -74,7 +76,7 @@ def _as_stated(stated: str, why: str) -> UnitGuess:
     return UnitGuess("", "", f"the unit: {why}")
 
 
-def _counts(whole: bool, said: str) -> UnitGuess:
+def _counts(whole: bool, message: str) -> UnitGuess:
     if not whole:
-        return UnitGuess("", "", f"the unit: {said} fits neither 9.8 m/s2, 1 g nor 1000 mg")
-    return UnitGuess("LSB", f"whole numbers; {said} is no unit's", "their zero and scale")
+        return UnitGuess("", "", f"the unit: {message} fits neither 9.8 m/s2, 1 g nor 1000 mg")
+    return UnitGuess("LSB", f"whole numbers; {message} is no unit's", "their zero and scale")

@@ -67,8 +67,8 @@ def _file(proposal: "MappingProposal") -> list[str]:
     main = _main(proposal)
     if proposal.dialect is None:
         return ["[file]", _line("table", main, "most channels stand there")] if main else []
-    words, reasons = proposal.dialect.words, proposal.dialect.reasons
-    stated = words.model_dump(exclude={"table", "ragged_lines"})
+    text, reasons = proposal.dialect.words, proposal.dialect.reasons
+    stated = text.model_dump(exclude={"table", "ragged_lines"})
     always = ("separator", "decimal", "encoding", "header")
     shown = {k: v for k, v in stated.items() if k in always or v}
     lines = ["[file]", *(_line(k, v, reasons.get(k, "")) for k, v in shown.items())]
@@ -188,9 +188,9 @@ def propose_mapping(path: Path | str, budget: ReadBudget | None = None) -> Mappi
     budget = budget or ReadBudget()
     format = format_of(path)
     dialect = text_dialect(path) if format is TEXT else None
-    words = FileWords() if dialect is None else dialect.words
-    file = format.read(path, words.model_copy(update={"ragged_lines": "drop"}), budget)
-    channels, faults = channels_of(file, words.decimal)
+    text = FileWords() if dialect is None else dialect.words
+    file = format.read(path, text.model_copy(update={"ragged_lines": "drop"}), budget)
+    channels, faults = channels_of(file, text.decimal)
     times = {
         t.name: find_time(
             [c for c in channels if c.table == t.name],
@@ -212,21 +212,21 @@ def _proposal(
     dialect: Dialect | None,
 ) -> MappingProposal:
     taken = [id(t.channel) for t in times.values() if t.channel is not None]
-    rest = [c for c in channels if id(c) not in taken]
+    standstill = [c for c in channels if id(c) not in taken]
     triads = [
         triad
         for name, time in times.items()
-        for triad in find_triads([c for c in rest if c.table == name], time.rate)
+        for triad in find_triads([c for c in standstill if c.table == name], time.rate)
     ]
     sensors = with_units(triads, {name: time.rate for name, time in times.items()})
-    table, angles = _table(rest, triads)
+    table, angles = _table(standstill, triads)
     columns = [guess for s in sensors for guess in _columns(s)]
     used = {id(c) for s in sensors for c in s.triad.channels}
     columns += _angles(table, angles)
     used |= {id(c.channel) for c in columns}
-    others, doubts = find_others([c for c in rest if id(c) not in used])
+    others, doubts = find_others([c for c in standstill if id(c) not in used])
     columns += [ColumnGuess(*o) for o in others]
-    columns += [ColumnGuess(*o) for o in find_labels([c for c in rest if id(c) not in used])]
+    columns += [ColumnGuess(*o) for o in find_labels([c for c in standstill if id(c) not in used])]
     if not columns:
         raise _nothing(file)
     used |= {id(c.channel) for c in columns}
@@ -239,18 +239,18 @@ def _proposal(
         {name: times[name] for name in tables},
         columns,
         table,
-        _left_out([c for c in rest if id(c) not in used], triads),
+        _left_out([c for c in standstill if id(c) not in used], triads),
         _doubts(dialect, [times[name] for name in tables], sensors, table, doubts),
         [*(f for t in file.tables for f in find_bad_lines(t)), *_findings(columns, times)],
     )
 
 
 def _table(
-    rest: Sequence[Channel], triads: Sequence[Triad]
+    standstill: Sequence[Channel], triads: Sequence[Triad]
 ) -> tuple[TableGuess | None, list[Channel]]:
     """The table, and the columns that may be its angles."""
     roles = ("outer", "middle", "inner", "angle")
-    angles = [c for c in rest if c.numeric and c.meaning.role in roles and not c.meaning.axis]
+    angles = [c for c in standstill if c.numeric and c.meaning.role in roles and not c.meaning.axis]
     if not 1 <= len(angles) <= 3:
         return None, []
     angles = [c for c in angles if c.table == angles[0].table]
@@ -288,14 +288,14 @@ def _angles(table: TableGuess | None, angles: Sequence[Channel]) -> list[ColumnG
 
 def _left_out(channels: Sequence[Channel], triads: Sequence[Triad]) -> list[str]:
     unknown = {id(c) for t in triads if not t.kind for c in t.channels}
-    words = []
+    texts = []
     for c in channels:
         if id(c) in unknown:
             what = "cannot know: accelerometer or magnetometer"
         else:
             what = c.meaning.role or ("text" if not c.numeric else "not recognised")
-        words.append(f"{c.table + ': ' if c.table else ''}{c.name} ({what})")
-    return words
+        texts.append(f"{c.table + ': ' if c.table else ''}{c.name} ({what})")
+    return texts
 
 
 def _doubts(

@@ -75,9 +75,9 @@ def apart(windows: Windows) -> float:
     """How far the rests lie from each other, as a share of the whole range of the means: near 1
     where the rest depends on the attitude, near 0 where all rests read the same.
     """
-    rest = windows.at_rest
-    middle = np.median(rest, axis=0)
-    spread = float(np.sqrt(np.mean(np.sum((rest - middle) ** 2, axis=1))))
+    standstill = windows.at_rest
+    middle = np.median(standstill, axis=0)
+    spread = float(np.sqrt(np.mean(np.sum((standstill - middle) ** 2, axis=1))))
     reach = float(np.max(np.linalg.norm(windows.means - middle, axis=1)))
     return spread / reach if reach > 0 else 0.0
 

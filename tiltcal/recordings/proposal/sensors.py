@@ -69,10 +69,10 @@ def find_triads(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
     """
     named = _named(channels, rate)
     taken = {id(c) for t in named for c in t.channels}
-    rest = [c for c in channels if id(c) not in taken and c.numeric and c.meaning.role == ""]
-    by_axis = _axes_only(rest, rate)
+    standstill = [c for c in channels if id(c) not in taken and c.numeric and c.meaning.role == ""]
+    by_axis = _axes_only(standstill, rate)
     taken |= {id(c) for t in by_axis for c in t.channels}
-    unnamed = _unnamed([c for c in rest if id(c) not in taken], rate)
+    unnamed = _unnamed([c for c in standstill if id(c) not in taken], rate)
     return _borne_out(named, _only_one_gravity(by_axis + unnamed), rate)
 
 
@@ -267,16 +267,16 @@ def find_others(channels: Sequence[Channel]) -> tuple[list[Guess], list[str]]:
 
 def _temperature(channel: Channel) -> tuple[Guess | None, str]:
     low, high = float(np.nanmin(channel.values)), float(np.nanmax(channel.values))
-    said = f"its name; {low:.4g} to {high:.4g}"
+    message = f"its name; {low:.4g} to {high:.4g}"
     to = "temperature_degC"
     if channel.unit == "kelvin" or (not channel.unit and low > 200 and high < 400):
-        return (channel, to, f"{said} is in kelvin", 1.0, -_KELVIN), ""
+        return (channel, to, f"{message} is in kelvin", 1.0, -_KELVIN), ""
     if channel.unit == "degF":
-        return (channel, to, f"{said} degF", 5 / 9, -32 * 5 / 9), ""
+        return (channel, to, f"{message} degF", 5 / 9, -32 * 5 / 9), ""
     if _CELSIUS[0] < low and high < _CELSIUS[1]:
         sure = channel.unit == "degC"
         doubt = "" if sure else f"{channel.name}: that it is in degC, which its values allow"
-        return (channel, to, f"{said}{', the file says degC' if sure else ''}", 1.0, 0.0), doubt
+        return (channel, to, f"{message}{', the file says degC' if sure else ''}", 1.0, 0.0), doubt
     return None, f"{channel.name}: the unit; {low:.4g} to {high:.4g} is no temperature in degC"
 
 
@@ -284,7 +284,7 @@ def find_labels(channels: Sequence[Channel]) -> list[Guess]:
     """The column of the operator's words, if there is one."""
     for c in channels:
         if c.raw.dtype == object and c.meaning.role == "label":
-            words = {t for t in c.raw if t is not None}
-            if 0 < len(words) <= _FEW:
-                return [(c, "label", f"its name; {len(words)} different words", 1.0, 0.0)]
+            text = {t for t in c.raw if t is not None}
+            if 0 < len(text) <= _FEW:
+                return [(c, "label", f"its name; {len(text)} different words", 1.0, 0.0)]
     return []

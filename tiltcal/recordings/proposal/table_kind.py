@@ -142,11 +142,13 @@ def _judged(
     fits: Sequence[_Fit], angles: Sequence[Channel], named: Mapping[str, str], units: Sequence[str]
 ) -> TableGuess:
     if not fits or fits[0].misfit > _FITS:
-        said = f"; best {fits[0].table.name}, off by {fits[0].misfit:.2g} rad" if fits else ""
-        return _by_names(angles, named, units, f"gravity follows no table{said}")
+        message = f"; best {fits[0].table.name}, off by {fits[0].misfit:.2g} rad" if fits else ""
+        return _by_names(angles, named, units, f"gravity follows no table{message}")
     best = fits[0]
     rivals = [f for f in fits[1:] if f.misfit < max(_CLEAR * best.misfit, _FITS)]
-    axes = {angles[k].name: best.table.axis_names[place] for place, k in enumerate(best.order)}
+    axes = {
+        angles[k].name: best.table.axis_names[position] for position, k in enumerate(best.order)
+    }
     if rivals:
         other = rivals[0].table.name
         return _by_names(angles, named, units, f"{best.table.name} and {other} fit alike")

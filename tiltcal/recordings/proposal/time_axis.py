@@ -84,8 +84,8 @@ def find_time(channels: Sequence[Channel], stated_rate: float | None) -> TimeGue
         c for c in ordered if c.meaning.role in ("", "angle") and not _steps_by_one(c.values)
     ]
     for found in sorted(named, key=_preference) or unnamed[:1]:
-        said = "its name, and it " if found in named else "it "
-        return _with_unit(found, said + "runs forward at nearly equal steps")
+        message = "its name, and it " if found in named else "it "
+        return _with_unit(found, message + "runs forward at nearly equal steps")
     counter = next((c for c in ordered if _steps_by_one(c.values)), None)
     also = f"; {counter.name} only counts samples" if counter else ""
     if stated_rate:
@@ -164,10 +164,10 @@ def _by_rate(channel: Channel, usual: float, reason: str) -> TimeGuess:
     """The unit in which the rate is one that instruments have."""
     rates = {u: 1 / (usual * COLUMN_UNITS[u].factor) for u in ("s", "ms", "us", "ns")}
     likely = [u for u, rate in rates.items() if RATES[0] <= rate <= RATES[1]]
-    words = ", ".join(f"{rates[u]:.4g} Hz as {u}" for u in likely)
+    text = ", ".join(f"{rates[u]:.4g} Hz as {u}" for u in likely)
     if len(likely) == 1:
         unit = likely[0]
-        why = f"steps of {usual:.6g}: {words}, no rate of an instrument in other units"
+        why = f"steps of {usual:.6g}: {text}, no rate of an instrument in other units"
         return TimeGuess(channel, unit, reason, why, rate=rates[unit])
-    doubt = f"the unit of {channel.name}: steps of {usual:.6g} are {words or 'no usual rate'}"
+    doubt = f"the unit of {channel.name}: steps of {usual:.6g} are {text or 'no usual rate'}"
     return TimeGuess(channel, "", reason, "", (doubt,))

@@ -104,8 +104,8 @@ def _scenario(document: str) -> Scenario:
 
 def record_text(run: PointRun, outcome: Outcome, limits: Limits) -> str:
     """The record of a run for the journal."""
-    words = outcome.failure(limits)
-    rows = outcome.value if words is None else [_failed(run, m, words) for m in _titles(run)]
+    text = outcome.failure(limits)
+    rows = outcome.value if text is None else [_failed(run, m, text) for m in _titles(run)]
     return json.dumps({"rows": rows, "fault": outcome.fault, "seconds": outcome.seconds})
 
 
@@ -135,6 +135,6 @@ def _titles(run: PointRun) -> list[str]:
     return [str(m.get("name") or " ".join(m.get("command", ()))) for m in methods]
 
 
-def _failed(run: PointRun, method: str, words: str) -> dict[str, Any]:
+def _failed(run: PointRun, method: str, text: str) -> dict[str, Any]:
     name = str(run.point.document.get("name", "scenario"))
-    return asdict(Row(name, method, run.seed, error=words))
+    return asdict(Row(name, method, run.seed, error=text))

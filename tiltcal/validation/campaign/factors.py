@@ -30,32 +30,32 @@ def with_fields(document: Document, values: dict[str, Any]) -> Document:
     changed = deepcopy(document)
     for path, value in values.items():
         *way, last = path.split(".")
-        place: Any = changed
-        for k, word in enumerate(way):
-            place = _part(place, word, path, effects=way[:k] == ["effect"])
-        if isinstance(place, list):
+        position: Any = changed
+        for k, token in enumerate(way):
+            position = _part(position, token, path, effects=way[:k] == ["effect"])
+        if isinstance(position, list):
             raise _nowhere(path, last, "a list of parts", "name one: PART.NUMBER.KEY")
-        if not isinstance(place, dict):
+        if not isinstance(position, dict):
             raise _nowhere(path, last, "a value that has no parts", "shorten the path")
-        place[last] = deepcopy(value)
+        position[last] = deepcopy(value)
     return changed
 
 
-def _part(place: Any, word: str, path: str, effects: bool) -> Any:
-    if isinstance(place, dict):
-        if word not in place and word != "effect":
-            raise _nowhere(path, word, "no such part", nearest(word, list(place)))
-        return place.setdefault(word, [])
-    if not isinstance(place, list):
-        raise _nowhere(path, word, "a value that has no parts", "shorten the path")
-    named = [part for k, part in enumerate(place, start=1) if word in _names(part, k)]
+def _part(position: Any, token: str, path: str, effects: bool) -> Any:
+    if isinstance(position, dict):
+        if token not in position and token != "effect":
+            raise _nowhere(path, token, "no such part", nearest(token, list(position)))
+        return position.setdefault(token, [])
+    if not isinstance(position, list):
+        raise _nowhere(path, token, "a value that has no parts", "shorten the path")
+    named = [part for k, part in enumerate(position, start=1) if token in _names(part, k)]
     if not named and effects:
-        named = [_effect(word)]
-        place.append(named[0])
+        named = [_effect(token)]
+        position.append(named[0])
     if len(named) != 1:
-        words = f"{len(named) or 'no'} parts of this name"
-        choices = [name for k, part in enumerate(place, start=1) for name in _names(part, k)]
-        raise _nowhere(path, word, words, "choose one of " + ", ".join(choices))
+        text = f"{len(named) or 'no'} parts of this name"
+        choices = [name for k, part in enumerate(position, start=1) for name in _names(part, k)]
+        raise _nowhere(path, token, text, "choose one of " + ", ".join(choices))
     return named[0]
 
 
@@ -69,14 +69,14 @@ def _names(part: Any, number: int) -> list[str]:
     return names
 
 
-def _effect(word: str) -> Document:
-    name, _, where = word.removesuffix("]").partition("[")
+def _effect(token: str) -> Document:
+    name, _, where = token.removesuffix("]").partition("[")
     return {"id": name} | ({"sensor": where} if where else {})
 
 
-def _nowhere(path: str, word: str, found: str, do: str) -> TiltcalError:
+def _nowhere(path: str, token: str, found: str, do: str) -> TiltcalError:
     return TiltcalError(
-        f"field {path}", found=f"{found} at '{word}'", need="a field of the scenario", do=do
+        f"field {path}", found=f"{found} at '{token}'", need="a field of the scenario", do=do
     )
 
 

@@ -97,17 +97,17 @@ class Shard:
     count: int = 1
 
     @classmethod
-    def of(cls, words: str) -> "Shard":
+    def of(cls, text: str) -> "Shard":
         """From ``i/n``.
 
         Raises:
             TiltcalError: it is no part of a whole.
         """
-        number, _, count = words.partition("/")
+        number, _, count = text.partition("/")
         if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
             raise TiltcalError(
                 "option --shard",
-                found=words,
+                found=text,
                 need="i/n with i from 1 to n",
                 do="write --shard 1/4 for the first of four",
             )
@@ -169,45 +169,45 @@ def forget_faults(campaign: Campaign, journal: Journal) -> None:
             journal.forget(run.key)
 
 
-def write_campaign(campaign: Campaign, place: CampaignFiles) -> None:
+def write_campaign(campaign: Campaign, files: CampaignFiles) -> None:
     """Keep a campaign with its scenario beside its journal, for ``read_campaign``."""
     table = campaign.table.model_dump(mode="json", by_alias=True, exclude_none=True)
     document = json.loads(json.dumps(campaign.document, default=str))
-    write_json(place.beside(".campaign.json"), {"campaign": table, "scenario": document})
+    write_json(files.beside(".campaign.json"), {"campaign": table, "scenario": document})
 
 
-def read_campaign(place: CampaignFiles) -> Campaign:
+def read_campaign(files: CampaignFiles) -> Campaign:
     """The campaign whose runs are there.
 
     Raises:
         TiltcalError: there is none.
     """
-    path = place.beside(".campaign.json")
+    path = files.beside(".campaign.json")
     subject = f"campaign {path.name}"
     table = read_json(path, "campaign", WRITTEN)
     found = checked(StoredCampaign, table, subject, WRITTEN)
     return Campaign(checked(CampaignTable, found.campaign, subject, WRITTEN), found.scenario)
 
 
-def merged(places: Sequence[CampaignFiles], into: CampaignFiles) -> Campaign:
+def merged(folders: Sequence[CampaignFiles], into: CampaignFiles) -> Campaign:
     """Take the runs of several places, made as shards, into one; which campaign it is.
 
     Raises:
         TiltcalError: they are of different campaigns.
     """
-    campaigns = [read_campaign(place) for place in places]
+    campaigns = [read_campaign(position) for position in folders]
     hashes = [hash_of([c.table.model_dump(mode="json"), c.document]) for c in campaigns]
-    for place, one in zip(places, hashes, strict=True):
+    for position, one in zip(folders, hashes, strict=True):
         if one != hashes[0]:
             raise TiltcalError(
-                f"results {place.results}",
+                f"results {position.results}",
                 found="another campaign",
-                need=f"that of {places[0].results}",
+                need=f"that of {folders[0].results}",
                 do="merge shards of one campaign",
             )
     write_campaign(campaigns[0], into)
     with into.journal() as journal:
-        for place in places:
-            with place.journal() as other:
+        for position in folders:
+            with position.journal() as other:
                 journal.take_over(other)
     return campaigns[0]

@@ -110,12 +110,12 @@ def check_levels(campaign: Campaign) -> None:
     for f in campaign.distributions:
         middle = f.value_of(f.quantiles(np.array([MIDDLE]))[0])
         trials.append((f"{f.title} = {middle:g}", {str(f.field): middle}))
-    for words, fields in trials:
+    for text, fields in trials:
         try:
-            parse_scenario(with_fields(campaign.document, fields), f"with {words}")
+            parse_scenario(with_fields(campaign.document, fields), f"with {text}")
         except TiltcalError as error:
             raise TiltcalError(
-                f"campaign, factor {words}",
+                f"campaign, factor {text}",
                 found=str(error),
                 need="a valid scenario at every level",
                 do="correct the factor",

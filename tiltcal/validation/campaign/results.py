@@ -68,11 +68,11 @@ def provenance_of(campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def known_summary(campaign: Campaign, place: CampaignFiles) -> dict[str, Any] | None:
+def known_summary(campaign: Campaign, folder: CampaignFiles) -> dict[str, Any] | None:
     """The summary that was written of the same campaign by the same versions, beside its results
     and its report; None where one of them is missing.
     """
-    files = [place.results, place.beside(".html"), summary := place.beside(".summary.json")]
+    files = [folder.results, folder.beside(".html"), summary := folder.beside(".summary.json")]
     if not all(path.exists() for path in files):
         return None
     found = read_json(summary, "summary", "a summary.json as `tiltcal campaign` writes it")

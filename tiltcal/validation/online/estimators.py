@@ -77,17 +77,17 @@ class FieldScale:
 
     def _begin(self) -> None:
         """The bias and the noise of the difference, from the rest."""
-        rest = np.array(self.resting)
-        if len(rest) < 10:
+        standstill = np.array(self.resting)
+        if len(standstill) < 10:
             raise TiltcalError(
                 "estimator field_scale",
-                found=f"{len(rest)} readings at rest",
+                found=f"{len(standstill)} readings at rest",
                 need="a first standstill of ten readings or more",
                 do="state a longer rest_s, or stand still longer",
             )
-        self.mean = rest.mean(axis=0)
-        self.noise = max(float(np.var(rest[:, :3] @ self.axis - rest[:, 3])), 1e-24)
-        self.filter.P = np.diag([SCALE_PRIOR**2] * 3 + [self.noise / len(rest)])
+        self.mean = standstill.mean(axis=0)
+        self.noise = max(float(np.var(standstill[:, :3] @ self.axis - standstill[:, 3])), 1e-24)
+        self.filter.P = np.diag([SCALE_PRIOR**2] * 3 + [self.noise / len(standstill)])
 
     def _step(self, turned: np.ndarray, count: int) -> None:
         """One update by a block: readings less the means at rest."""

@@ -155,7 +155,7 @@ def quaternion(R: Array) -> Array:
 
 
 def open_model(table: Table) -> "mujoco.MjSpec":
-    """The model of a table. It includes ``instrument.xml``, which need not lie beside it.
+    """The model of a table. It includes ``instrument.xml``, which need not lie next to it.
 
     Raises:
         TiltcalError: the file does not open, or lacks a body or joint that the table needs.

@@ -41,7 +41,7 @@ class DesignedSequence(Tabular):
     inseparable: tuple[str, ...]
 
     def table(self) -> dict[str, Any]:
-        """The scenario with this sequence in place of its own, as ``parse_scenario`` takes it."""
+        """The scenario with this sequence instead of its own, as ``parse_scenario`` takes it."""
         name = f"{self.scenario.name}, designed"
         return designed_table(self.scenario, steps_of(self.plan, self.up), name)
 
@@ -99,7 +99,7 @@ def designed(
         unseen: effects that it leaves out.
         everything: whether terms that no poses tell are reported instead of refused.
         seed: of the search.
-        progress: is told what is being done.
+        progress: receives what is being done.
         engine: where drafts are improved; this process if not given.
 
     Raises:

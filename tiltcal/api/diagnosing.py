@@ -78,7 +78,7 @@ def explain(
         scenario: what is known of the set-up.
         recordings: of one set-up, explained together.
         static: a record at rest to estimate the noise from.
-        progress: is told what is being done.
+        progress: receives what is being done.
 
     Raises:
         TiltcalError: a column is missing, or nothing in a recording has a model.

@@ -41,7 +41,7 @@ class Scenario(laboratory.Scenario):
         Args:
             seed: of the random effects; the scenario's if not given.
             noise: False: without random effects and quantisation.
-            progress: is told what is being done.
+            progress: receives what is being done.
 
         Raises:
             TiltcalError: there is no sequence or no sensor.
@@ -53,7 +53,7 @@ class Scenario(laboratory.Scenario):
 
         Args:
             motion: whose time stamps and table readout are replayed.
-            progress: is told what is being done.
+            progress: receives what is being done.
         """
         return simulator(progress).predict(self, motion)
 
@@ -145,7 +145,7 @@ class Scenario(laboratory.Scenario):
         Args:
             recordings: one, or several of the same set-up that are explained together.
             static: a record at rest to estimate the noise from.
-            progress: is told what is being done.
+            progress: receives what is being done.
 
         Raises:
             TiltcalError: a column is missing, or the scenario holds the concealed truth.
@@ -192,7 +192,7 @@ class Scenario(laboratory.Scenario):
             angles_deg: axis -> lowest and highest angle.
             step_deg: angles are its multiples.
             seed: of the search.
-            progress: is told what is being done.
+            progress: receives what is being done.
 
         Raises:
             TiltcalError: no set of poses within the limits tells a wanted term.

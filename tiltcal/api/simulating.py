@@ -63,7 +63,7 @@ def pieces_of(
         scenario: the model.
         motion: whose stamps and readout are replayed; None: the scenario's own sequence.
         seed: of the random effects; None: without them and without quantisation.
-        progress: is told what is being done.
+        progress: receives what is being done.
     """
     laboratory = simulator(progress)
     if motion is not None:

@@ -34,7 +34,9 @@ def stage() -> Stage:
 
 
 def table_in(poses: Sequence[Pose], setup: Setup) -> Plot | None:
-    """The table in some poses; None by hand, without poses, or without its model."""
+    """The table in some poses; None in hand-held recordings, without poses, or without its
+    model.
+    """
     if not poses or not setup.rig.axes:
         return None
     try:

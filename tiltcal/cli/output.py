@@ -52,7 +52,7 @@ def asked(question: str, default: str, choices: Sequence[str] = ()) -> str:
     """The answer to a question on the terminal; the default where nobody can be asked.
 
     Args:
-        question: in words.
+        question: as text.
         default: what an empty answer means.
         choices: valid answers; empty: any.
     """

@@ -1,4 +1,4 @@
-"""Where the models and scenarios lie: inside an installed package, or beside it in a checkout."""
+"""Where the models and scenarios lie: inside an installed package, or next to it in a checkout."""
 
 from pathlib import Path
 

@@ -112,7 +112,7 @@ def require_within(
 
 
 def _amounts(rows: float, size: float, seconds: float) -> str:
-    """What the work would be, in words."""
+    """What the work would be, as text."""
     text = [f"{rows:.4g} rows"] if rows else []
     if size:
         text.append(f"{size:.4g} bytes ({size / 2**30:.3g} GiB)")

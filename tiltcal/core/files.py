@@ -52,11 +52,11 @@ def require_file(path: Path, kind: str) -> Path:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary file beside ``path`` that takes its name when the block ends well and vanishes
+    """A temporary file next to ``path`` that takes its name when the block ends well and vanishes
     otherwise.
 
     Raises:
-        TiltcalError: the place cannot be written.
+        TiltcalError: the file cannot be written.
     """
     path = require_writable(Path(path))
     # of a name of its own length: one that is as long as names may be has no room for more; and

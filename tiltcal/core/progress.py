@@ -1,4 +1,4 @@
-"""Telling what a long run is doing, in words, with the time left."""
+"""Telling what a long run is doing, as text, with the time left."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
@@ -20,14 +20,14 @@ def unmeasured(done: float) -> None:
 
 
 def duration(seconds: float) -> str:
-    """A time in words: s, min or h."""
+    """A time as text: s, min or h."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 class Rate:
-    """Progress in words, with the rate and the time left.
+    """Progress as text, with the rate and the time left.
 
     Args:
         total: of tasks.
@@ -122,7 +122,7 @@ class Stages:
         self._progress(text if left is None else f"{text}: {left}")
 
     def _left(self) -> str | None:
-        """Time left in words; None while there is nothing to extrapolate from."""
+        """Time left as text; None while there is nothing to extrapolate from."""
         now = time.monotonic()
         shares = [self._shares[name] for name in self._names]
         before, here = sum(shares[: self._stage]), shares[self._stage]

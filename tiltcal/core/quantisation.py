@@ -1,4 +1,4 @@
-"""The codes that a column was rounded to."""
+"""The quantisation steps that a column was rounded to."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ def code_grid(column: Array) -> float | None:
     """The code that all values of a column are whole multiples apart of, in its unit; None where
     there is no such grid. column: (n,).
 
-    A text file rounds codes of a converter to its own digits, so the smallest step is refined by
+    A text file rounds LSBs of a converter to its own digits, so the smallest step is refined by
     larger and larger ones.
     """
     steps = np.abs(np.diff(column))

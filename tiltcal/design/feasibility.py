@@ -8,7 +8,7 @@ from tiltcal.core.units import DEG
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.pose_grids import grid, spread
 
-TOLD = 0.9  # posterior over prior that counts as told apart, when noise is no limit
+TOLD = 0.9  # posterior over prior that counts as separated, when noise is no limit
 QUIET = 1e6  # how much quieter than real the instrument is when only the poses are judged
 GRID = 15 * DEG
 GRID_AXES, SPREAD = 3, 24**3  # most axes of the grid, and poses that stand for those of more

@@ -1,4 +1,4 @@
-"""What a recording can and cannot tell apart: absorbed shares, detectable sizes, classes,
+"""What a recording can and cannot separate: absorbed shares, detectable sizes, classes,
 tie-breakers.
 
 lambda: energy of an effect's signature over noise at its plausible size, after the adjustable terms
@@ -23,7 +23,7 @@ from tiltcal.laboratory.scenario import Scenario, load_scenario
 
 # (z(0.9995) + z(0.8))^2: non-centrality that is found in 80 % of recordings at 0.1 % false alarm
 POWER = 17.07
-SEPARABLE = 12.0  # separated non-centrality below which two explanations cannot be told apart
+SEPARABLE = 12.0  # separated non-centrality below which two explanations cannot be separated
 BLIND = 1e-3  # share of a signature below which nothing is left of it
 
 STAGE_BREAKERS = {
@@ -51,7 +51,7 @@ class ParameterVisibility:
         detectable: size found with 80 % power at 0.1 % false alarm, in the column's unit; inf when
             nothing is left.
         unique: share of its amplitude that no other effect together can take.
-        rivals: labels that cannot be told from it, with their cosine.
+        rivals: labels that cannot be separated from it, with their cosine.
     """
 
     column: Column
@@ -79,7 +79,7 @@ class Confusion:
 
 
 def confuse(scenario: Scenario, grade: str = "mid_mems") -> Confusion:
-    """What the scenario's sequence can tell apart at a grade."""
+    """What the scenario's sequence can separate at a grade."""
     course = scenario.schedule
     rate = max(s.rate_hz for s in scenario.sensor)
     rows = rows_of(course, rate)

@@ -224,7 +224,7 @@ def maximise_least_visibility(
         seed: of the drafts.
         starts: how many drafts.
         engine: where drafts are improved; this process if not given. The design is the same.
-        progress: is told what is being done, and how long it takes.
+        progress: receives what is being done, and how long it takes.
     """
     stages = Stages(progress, SHARES)
     tried = grid_of_poses(clock)

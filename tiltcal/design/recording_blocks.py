@@ -1,4 +1,4 @@
-"""Blocks of a sequence that separate hypotheses, and their description in words."""
+"""Blocks of a sequence that separate hypotheses, and their description as text."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -67,7 +67,7 @@ def search(
 
     Args:
         problem: what is wanted.
-        starts: drafts to improve beside the regular paths (classic sequences).
+        starts: drafts to improve in addition to the regular paths (classic sequences).
         seed: of the paths.
         effort: how much is tried.
         notice: told what goes on, and how long it takes.

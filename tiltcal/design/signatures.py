@@ -178,7 +178,7 @@ def catalogue_signatures(
         only: ids to keep; all unless given.
 
     Raises:
-        TiltcalError: the allowed poses show none beside the ordinary terms.
+        TiltcalError: the allowed poses show none in addition to the ordinary terms.
     """
     wanted = [one_of(id, CATALOGUE, "design, effect") for id in only]
     shown, ordered, unseen = _sorted(still, sensor, grade, wanted)

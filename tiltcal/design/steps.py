@@ -77,7 +77,7 @@ def segments_csv(plan: Plan) -> str:
 
 
 def designed_table(scenario: Scenario, steps: list[Step], name: str) -> dict[str, Any]:
-    """The scenario's table with the designed sequence in place of its own; acceptance limits of its
+    """The scenario's table with the designed sequence instead of its own; acceptance limits of its
     own sequence are left out.
     """
     stated = json.loads(

@@ -37,7 +37,7 @@ def spline_of(
 
     Args:
         u: coordinates, (n,); order: of the derivative.
-        knots: (p,); period: after which it begins anew, 0 for none.
+        knots: (p,); period: after which it starts again, 0 for none.
         weights: of each spline, (p, m).
         parabola: whether it is that through three knots.
         holds: whether it keeps its last value beyond its knots. Else it goes on: a parabola as it

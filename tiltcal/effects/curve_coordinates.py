@@ -29,8 +29,8 @@ OF_SENSOR = (
     "braking",
 )
 COORDINATES = (*INPUTS, *OF_SENSOR, *MOTION)
-"""What a curve may follow, beside the angle of a table axis, ``table_<axis>``, and its rate,
-``turn_rate_<axis>``.
+"""What a curve may follow, in addition to the angle of a table axis, ``table_<axis>``, and its
+rate, ``turn_rate_<axis>``.
 
 ``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``coning``: rate times
 angular acceleration along it; ``turned``: angle that a rate sensor turned about its own axis since
@@ -57,7 +57,7 @@ def coordinate_of(
     Args:
         name: of the coordinate; sense: what the sensor senses.
         own: the channel's true input, SI, (n,).
-        lag: s, by which the coordinate is felt late.
+        lag: s, by which the coordinate is lagged.
         travel: width of a play that it moves, SI: its state, in [-1, 1], is felt instead; 0: none.
     """
     if name == "warming":
@@ -69,7 +69,7 @@ def coordinate_of(
 
 
 def coordinate_rate(time: Array, u: Array, lag: float) -> Array:
-    """Change per second of a coordinate that is felt late by a time constant, s, (n,); nothing of
+    """Change per second of a coordinate that is lagged by a time constant, s, (n,); nothing of
     less than two samples.
     """
     if len(time) < 2:
@@ -168,7 +168,7 @@ def _speed(drive: Drive) -> Jet:
 
 
 def late_jet(each: Jet, time: Array, lag: float) -> Jet:
-    """Columns that are felt late by a time constant ``lag``, s, with their time derivatives, (n,
+    """Columns that are lagged by a time constant ``lag``, s, with their time derivatives, (n,
     p).
     """
     columns, slopes = np.asarray(each.x), np.asarray(each.v)

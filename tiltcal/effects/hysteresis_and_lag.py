@@ -1,4 +1,4 @@
-"""Effects with memory, in one place: play, direction of the last motion, stops."""
+"""Effects with memory, in one module: play, direction of the last motion, stops."""
 
 from functools import lru_cache
 

@@ -4,7 +4,7 @@ named effect would.
 ``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines
 through (knot, value), held constant outside their knots: a drift is not extrapolated beyond the
 recording it was seen in. A law of temperature goes on, a spline by its mean slope; through three
-knots it is a parabola. With a period a spline begins anew after it: a saw. A ``power`` of the
+knots it is a parabola. With a period a spline starts again after it: a saw. A ``power`` of the
 coordinate is the form with one number. With ``instants`` it is a transient from each of them.
 """
 
@@ -47,10 +47,10 @@ class Learned(Effect):
         coordinate: one of COORDINATES, or a table angle or its rate; rad, SI, s from the first
             stamp, K from T0.
         knots: of a spline, increasing; empty for harmonics.
-        period: of the first harmonic, 0 for a turn; of a spline that begins anew at its first knot,
-            0 for none.
+        period: of the first harmonic, 0 for a turn; of a spline that starts again at its first
+            knot, 0 for none.
         beside: another table angle: products of the harmonics of both, up to the third of each.
-        lag: time constant, s, by which the coordinate is felt late; of a table angle, of a square
+        lag: time constant, s, by which the coordinate is lagged; of a table angle, of a square
             or cube, and of a readout or a frame that follows the table's motion, the curve is late.
         relaxing: with such a late curve, whether what is left of it is felt: the late curve less
             that of now.
@@ -110,7 +110,7 @@ class Learned(Effect):
 
     @property
     def is_saw(self) -> bool:
-        """Whether it is a ramp that begins anew after its period."""
+        """Whether it is a ramp that starts again after its period."""
         return len(self.knots) == 2 and self.period > 0
 
     @property

@@ -29,7 +29,8 @@ class Sense:
         gravity: stated, m/s2; rate_hz: nominal sample rate; full_scale: SI, or None.
         angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1
             while moving, (n,).
-        rests: says when each rest began and ended; None: with the first and the last row of a stop.
+        rests: says when each standstill began and ended; None: with the first and the last row of
+            a stop.
         turn_rates: of each table axis, rad/s, (n,).
     """
 

@@ -30,7 +30,7 @@ class SpectralLines:
     """Lines that stand out of a residual.
 
     Args:
-        tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move;
+        tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, again after each move;
             late: Hz, in the delay of stamps; base_tilts: Hz, of the base; scales: Hz, in scale
             factors; ripples: a turn of an axis.
         waves: over the input of a channel, temperature or a table angle.

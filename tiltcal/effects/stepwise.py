@@ -53,7 +53,7 @@ class Memoryless:
 
     Args:
         law: ``SignalEffect.apply``.
-        stream: handed to the law; None for an effect that is not random.
+        stream: handed to the functional form; None for an effect that is not random.
     """
 
     law: Law
@@ -181,7 +181,7 @@ def lag_weights(tau: float, step: float) -> Array:
 
 
 class SteppedHold:
-    """Repeats the sample before, where ``repeats`` says so.
+    """Repeats the sample before, where ``repeats`` is stated.
 
     Args:
         repeats: (sense, rows) -> which rows repeat, (n,); channels: that it acts on.

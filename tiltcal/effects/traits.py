@@ -1,4 +1,4 @@
-"""What is known of an effect beside its equation. Diagnosis, design and simulation ask for it here
+"""What is known of an effect next to its equation. Diagnosis, design and simulation ask for it here
 and never for the id, so that an effect of another package is treated like any other.
 """
 
@@ -38,7 +38,7 @@ class Family:
 
 
 class Traits:
-    """What an effect says of itself; each default is what holds for most effects."""
+    """What an effect states of itself; each default is what holds for most effects."""
 
     # What it is to an instrument
     calibration_term: ClassVar[str] = ""
@@ -54,7 +54,9 @@ class Traits:
     same_law_as: ClassVar[str] = ""
     """Id of an effect with the same readings under all circumstances, which stands for both."""
     form: ClassVar[Literal["law", "any", "unknown"]] = "law"
-    """Whether the name implies a law, holds for a curve of any form, or stands for curves only."""
+    """Whether the name implies a functional form, holds for a curve of any form, or stands for
+    curves only.
+    """
     family: ClassVar[Family] = Family()
     superposes: ClassVar[bool] = False
     """It may act at several shapes at once: findings at further shapes belong to the first."""
@@ -69,7 +71,7 @@ class Traits:
     acts_from_an_instant: ClassVar[bool] = False
     """It begins at its parameter ``time``."""
     like_event: ClassVar[str] = ""
-    """Id of the event that looks the same between two recordings: it is drawn anew for each."""
+    """Id of the event that looks the same between two recordings: it is redrawn for each."""
     spectral_line: ClassVar[Literal["", "time", "angle"]] = ""
     """It is a narrow line in the spectrum over time, or over the angle of an axis."""
     wander: ClassVar[float] = 0.0
@@ -103,7 +105,7 @@ class Traits:
     scatters: ClassVar[bool] = False
     """It sets each stop or each stamp elsewhere by chance: no re-simulation repeats it."""
 
-    # In words
+    # As text
     follows: ClassVar[str] = ""
     """Coordinate that it follows, where its needs do not say so; ``{innermost}`` stands for the
     innermost table axis.

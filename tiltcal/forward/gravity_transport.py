@@ -12,7 +12,7 @@ from tiltcal.core.arrays import Array, Index
 from tiltcal.setup.pauses import pauses
 
 WILD = 1e3  # rad/s: beyond it a trial of sizes is absurd, and its rotation would not be a number
-EDGE = 0.5  # s at the edge of a rest over which gravity's direction is averaged
+EDGE = 0.5  # s at the edge of a standstill over which gravity's direction is averaged
 LONGEST = 20.0  # s of a turn over which a gyro is trusted
 
 

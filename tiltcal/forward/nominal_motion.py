@@ -77,7 +77,7 @@ def moves_smoothly(effect: Effect) -> bool:
 
 
 class Responses:
-    """Answers of force and rate along a nominal drive, each place probed when it is first asked
+    """Answers of force and rate along a nominal drive, each position probed when it is first asked
     for.
 
     Args:
@@ -286,7 +286,7 @@ class NominalMotion:
         return change if getattr(effect, "order", 0) >= CONVERSION else self._said(name, change)
 
     def _said(self, name: str, change: Array) -> Array:
-        """What a sensor says of a change of what it senses: of an inclinometer d asin(f/g) = df /
+        """What a sensor states of a change of what it senses: of an inclinometer d asin(f/g) = df /
         (g cos).
         """
         if self.setup.named(name).kind != "inclinometer":
@@ -376,7 +376,7 @@ class SeveralPlaces(NominalMotion):
 
     Args:
         setup: with all sensors.
-        parts: one for each place.
+        parts: one for each position.
     """
 
     def __init__(self, setup: Setup, parts: Sequence[NominalMotion]) -> None:

@@ -72,7 +72,7 @@ def force_felt(setup: Setup, motion: Recording, effects: Sequence[Effect]) -> Ar
 def earlier(
     rate: Array, time: Array, effects: Sequence[Effect], fog: Sensor, gyro: Sensor
 ) -> Array:
-    """The body's rate when a FOG's reading was taken, (n, 3), from what a gyro triad says of it,
+    """The body's rate when a FOG's reading was taken, (n, 3), from what a gyro triad states of it,
     each as late as it is.
     """
     late = [
@@ -208,7 +208,7 @@ def at_rest(
         np.nan,
     )
     known = ~np.isnan(full[:, 0])
-    # what is felt late comes out of the move before
+    # what is lagged comes out of the move before
     felt = np.where(known[:, None], full, np.nan_to_num(force))
     sense = sense_of(sensor, setup, motion, felt, np.zeros_like(full))
     predicted = forward(sensor, effects, sense)

@@ -167,8 +167,9 @@ class SimulatedLaboratory:
             scenario: the model.
             motion: its readout, or by hand its readings, is the motion.
             seed: of the noise that is added; None: no noise.
-            by_others: by hand, predict each sensor from the others alone. Otherwise its own
-                readings count as well, which leaves less noise but follows its errors.
+            by_others: in hand-held recordings, predict each sensor from the others alone.
+                Otherwise its own readings count as well, which leaves less noise but follows its
+                errors.
         """
         effects = active_in(scenario.effects, motion.fingerprint)
         if not scenario.rig.axes:

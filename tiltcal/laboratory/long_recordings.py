@@ -18,7 +18,7 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.parquet_files import PIECE
 
 CELL = 64  # bytes of working memory for a cell of a recording made in one go, measured
-BESIDE = 3  # columns beside those of sensors and table axes: time, temperature, label
+BESIDE = 3  # columns in addition to those of sensors and table axes: time, temperature, label
 ROW_S, STEP_S = 1e-6, 3e-5  # of computing for a row, and for a time step, measured
 
 
@@ -129,8 +129,8 @@ def piece_stamps(stamps: dict[str, Stamps]) -> Iterator[dict[str, Array]]:
 
 
 def first_stamps(scenario: Scenario, stamps: dict[str, Stamps]) -> Array:
-    """The stamps beside the beginnings of the legs of a sequence, s: where mountings and labels
-    change. (m,).
+    """The stamps in addition to the beginnings of the legs of a sequence, s: where mountings and
+    labels change. (m,).
     """
     starts = [leg.t0 for leg in scenario.schedule.legs]
     found = [

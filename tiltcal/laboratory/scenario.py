@@ -226,7 +226,7 @@ def _problems_of_links(scenario: Scenario) -> list[str]:
 
 
 def _problem(error: Any) -> str:
-    """One pydantic error in words, with its path and the nearest valid key."""
+    """One pydantic error as text, with its path and the nearest valid key."""
     path = ".".join(str(part + 1) if isinstance(part, int) else str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
         return (

@@ -1,4 +1,4 @@
-"""The tables of a scenario file beside its set-up and sequence."""
+"""The tables of a scenario file next to its set-up and sequence."""
 
 from typing import Annotated, Any, Literal
 
@@ -49,7 +49,7 @@ class Dynamics(StrictTable):
 
     Args:
         timestep_s: of the integration.
-        stiffness_N_m_rad, damping_N_m_s_rad: of every axis servo (or of the hand), in place of the
+        stiffness_N_m_rad, damping_N_m_s_rad: of every axis servo (or of the hand), instead of the
             model's own.
         friction_N_m: dry friction of every table axis.
         hand_torque_N_m: rms about each body axis of a hand's irregular torque at full speed.

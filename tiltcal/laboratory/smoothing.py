@@ -79,7 +79,7 @@ def smoothed(time: Array, values: Array, stop: Index) -> tuple[Array, Array]:
 
 
 def told_by_others(values: Array, smooth: Array, weight: Array) -> Array:
-    """What a smoother says of each sample by all others, (m, k): its noise is not in it.
+    """What a smoother states of each sample by all others, (m, k): its noise is not in it.
 
     A regressor with the noise of its own sample would explain that noise (jackknife instrumental
     variables: Angrist, Imbens, Krueger, J. Appl. Econometrics 14, 1999).
@@ -122,7 +122,7 @@ def _at_middles(time: Array, values: Sequence[Array]) -> tuple[Array, Array]:
         power = power * u
     orders = np.arange(DEGREE + 1)
     gram = np.moveaxis(np.array(sums)[orders[:, None] + orders], 2, 0)
-    # beside a long pause what is near tells no curvature
+    # next to a long pause what is near tells no curvature
     gram += UNTOLD * time.shape[1] * np.eye(DEGREE + 1)
     level = np.zeros((len(u), DEGREE + 1, 1))
     level[:, 0] = 1.0

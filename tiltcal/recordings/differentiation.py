@@ -137,8 +137,8 @@ ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 
 
 def noise_of_rests(angle: Array, still: Mask, parted: Index = NOWHERE) -> float | None:
-    """Standard deviation of a readout from row to row at rest, rad, at least that of its codes;
-    None if it hardly rests. angle: rad, (n,).
+    """Standard deviation of a readout from row to row at rest, rad, at least that of its
+    quantisation steps; None if it hardly rests. angle: rad, (n,).
     """
     both = still[1:] & still[:-1]
     both[parted - 1] = False  # what moved within a pause is no noise

@@ -30,7 +30,7 @@ class Imported:
     Args:
         recording: as it is to be written.
         findings: faults of the data as they came, before any repair.
-        repairs: what was changed, in words.
+        repairs: what was changed, as text.
     """
 
     recording: Recording
@@ -137,7 +137,7 @@ def _scaled(values: Array, text: ColumnWords) -> Array:
 
 
 def _numbers(raw: Raw, name: str, source: str, mapping: Mapping) -> tuple[Array, list[str]]:
-    """A column as numbers, and the repair that made it so, in words."""
+    """A column as numbers, and the repair that made it so, as text."""
     if raw.dtype.kind == "M":
         raise bad_cell(raw.astype(str).astype(object), source, mapping.file.decimal)
     if raw.dtype != object:

@@ -13,7 +13,7 @@ _GAP = 2.5  # steps of the usual length
 _SHOWN = 3  # places that a statement names
 _RUN = 20  # equal readings that are never called frozen, below it
 _CHANCE = 1e-6  # of a run of equal readings in a whole recording
-_LEVELS = 5  # beside the end of the range, for comparison
+_LEVELS = 5  # in addition to the end of the range, for comparison
 _AT_END = 5  # readings at the end of the range that make a channel clipped
 
 

@@ -157,7 +157,7 @@ _PARTS: dict[str, type[StrictTable]] = {"file": FileWords, "time": TimeWords, "c
 
 
 def _problem(error: Any) -> str:
-    """One wrong key in words, with the nearest valid one."""
+    """One wrong key as text, with the nearest valid one."""
     path = ".".join(str(part + 1) if isinstance(part, int) else part for part in error["loc"])
     if error["type"] != "extra_forbidden":
         return f"{path}: {error['msg'].removeprefix('Value error, ')}"

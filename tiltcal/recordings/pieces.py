@@ -125,7 +125,7 @@ def writing(path: Path | str) -> Iterator[Write]:
     its name when the block ends well, and not before.
 
     Raises:
-        TiltcalError: the ending is unknown or the place cannot be written.
+        TiltcalError: the ending is unknown or the file cannot be written.
     """
     path = require_suffix(Path(path))
     if path.suffix == ".npz":

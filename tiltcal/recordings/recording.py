@@ -269,7 +269,7 @@ class Recording(Tabular):
         """Write it as CSV, Parquet or NPZ, whole or not at all; the ending decides.
 
         Raises:
-            TiltcalError: the ending is unknown or the place cannot be written.
+            TiltcalError: the ending is unknown or the file cannot be written.
         """
         from tiltcal.recordings.saving import write_recording
 

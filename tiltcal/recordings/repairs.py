@@ -1,4 +1,4 @@
-"""Repairs of an imported table, each only on request and each stated in words."""
+"""Repairs of an imported table, each only on request and each stated as text."""
 
 from collections.abc import Callable, Sequence
 

@@ -110,7 +110,9 @@ class Replay:
 
     @cached_property
     def rests(self) -> Rests:
-        """When each rest began and ended: to a part of a sample where the readout tells it."""
+        """When each standstill began and ended: to a part of a sample where the readout tells
+        it.
+        """
         read = self._read
         time = self.time[read].tobytes()
         message = [edges_of(time, angle[read].tobytes()) for angle in self.angles.values()]
@@ -231,7 +233,7 @@ def nearest_rows(stamps: Array, time: Array) -> Index:
 
 
 def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rests:
-    """The rests of a readout.
+    """The standstills of a readout.
 
     A stop has lost its ends to the margins that the search for it keeps; where an instant is not
     told it is as far from the stop's end as usually.
@@ -239,7 +241,7 @@ def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rest
     Args:
         time: s, (n,).
         stop: number of the stop of each row, -1 while moving, (n,).
-        leaves, comes: instants at which an axis left a rest, and came to one, s, sorted.
+        leaves, comes: instants at which an axis left a standstill, and came to one, s, sorted.
     """
     rows = Rests.of_rows(time, stop)
     first, last = (side[np.isfinite(side)] for side in (rows.begin, rows.end))

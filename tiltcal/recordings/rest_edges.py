@@ -34,14 +34,15 @@ STARTS: tuple[tuple[float, ...], ...] = (
     (3.0, 4.0, 5.0, 6.0),
     (4.0, 5.0, 6.0),
 )
-# sigma that the noise beside a course may be off: to tell a law, and to use it once it is told
+# sigma that the noise next to a course may be off: to tell a functional form, and to use it once
+# it is told
 STRICT, LOOSE = 1.0, 3.0
 HIDDEN = -16  # samples that the slowest may have been on its way
 
 
 def corners(time: Array, angle: Array, still: Mask, steady: Mask, noise: Array) -> Iterator[Corner]:
-    """Both ends of every move between rests or steady turns at which such a course leaves no more
-    than the noise of readout and stamps.
+    """Both ends of every move between standstills or steady turns at which such a course leaves no
+    more than the noise of readout and stamps.
 
     Args:
         time: in samples, increasing, (n,).
@@ -59,8 +60,8 @@ def corners(time: Array, angle: Array, still: Mask, steady: Mask, noise: Array) 
 def edges(
     time: Array, angle: Array, still: Mask, noise: Array, parted: Index = NOWHERE
 ) -> tuple[Array, Array]:
-    """The instants at which moves leave a rest, and those at which they reach one, in samples; none
-    where they cannot be determined. time: s, (n,); angle: rad, (n,).
+    """The instants at which moves leave a standstill, and those at which they reach one, in
+    samples; none where they cannot be determined. time: s, (n,); angle: rad, (n,).
 
     Args:
         time, angle, still, noise: see ``corners``.
@@ -74,8 +75,8 @@ def edges(
 
 
 def _told(side: Side) -> Array:
-    """When these moves leave their rests, in order: by the law of the start, one for all of them,
-    that fits them the furthest.
+    """When these moves leave their standstills, in order: by the functional form of the start, one
+    for all of them, that fits them the furthest.
     """
     best, powers, when = -1.0, STARTS[0], np.full(len(side.last), np.nan)
     for law in STARTS:
@@ -88,9 +89,9 @@ def _told(side: Side) -> Array:
 
 
 def _reached(side: Side, powers: tuple[float, ...], least: float) -> tuple[float, Array]:
-    """How many samples a law fits all these moves together, each by the widest window that it fits,
-    and when they leave their rests by it; as soon as it cannot be more than ``least``, at most as
-    many as that.
+    """How many samples a functional form fits all these moves together, each by the widest window
+    that it fits, and when they leave their standstills by it; as soon as it cannot be more than
+    ``least``, at most as many as that.
     """
     reach, when = np.zeros(len(side.last)), np.full(len(side.last), np.nan)
     for width in reversed(REACHES):
@@ -109,8 +110,8 @@ def _tell(
     off: float = STRICT,
     earliest: int = EARLIEST,
 ) -> Index:
-    """Write ``when`` the wanted moves leave their rests by a window of this width; those that it
-    fits.
+    """Write ``when`` the wanted moves leave their standstills by a window of this width; those
+    that it fits.
     """
     tried = np.flatnonzero(
         wanted & (side.last + 1 + width <= side.end) & (side.rows >= REST[0] - earliest)

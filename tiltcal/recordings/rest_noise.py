@@ -1,4 +1,4 @@
-"""Allan coefficients of each channel from the longest rest of a recording."""
+"""Allan coefficients of each channel from the longest standstill of a recording."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -32,8 +32,8 @@ NOISY = ("acceleration", "angle", "rate", "raw")  # quantities of a sensor's col
 def noise_models_of(path: Path | str, progress: Progress = silent) -> dict[str, NoiseModel]:
     """The noise model of each sensor channel of a file.
 
-    A long recording is read in pieces, twice: its rests are found in averages over spans of time,
-    the Allan deviation is that of its samples, and a note of each model says so.
+    A long recording is read in pieces, twice: its standstills are found in averages over spans of
+    time, the Allan deviation is that of its samples, and a note of each model is stated.
 
     Args:
         path: of the recording.

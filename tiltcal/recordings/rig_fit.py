@@ -42,7 +42,7 @@ class RigFit:
     misfit: float
 
     def changes(self, table: str, mount: Array) -> tuple[str, ...]:
-        """What a scenario with another table or mounting has to change, in words.
+        """What a scenario with another table or mounting has to change, as text.
 
         Args:
             table: that the scenario states.
@@ -159,7 +159,7 @@ def _misfit(up: Array, angles: Mapping[str, Array], rig: Rig) -> float:
 
 
 def simplest(fits: Sequence[RigFit], rig: Rig) -> list[str]:
-    """The ways, in words, to come from a stated rig to one that fits, with the fewest changes."""
+    """The ways, as text, to come from a stated rig to one that fits, with the fewest changes."""
     ways = [fit.changes(rig.table, rig.mount_rotation) for fit in fits]
     least = min((len(way) for way in ways), default=0)
     return sorted({" and ".join(way) for way in ways if len(way) == least})

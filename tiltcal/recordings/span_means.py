@@ -24,7 +24,7 @@ from tiltcal.statistics.dwell_noise import second_difference_noise
 
 LONGEST = 500_000  # rows of a recording that is taken sample by sample
 AVERAGED = "averaged over"  # metadata: the length of the spans
-ENOUGH = 0.5  # share of a span's usual samples below which it is left out: beside a gap
+ENOUGH = 0.5  # share of a span's usual samples below which it is left out: next to a gap
 COPIES = 6  # of a recording's columns in memory while it is taken sample by sample
 CODED = 20_000  # samples that tell the codes
 
@@ -59,8 +59,8 @@ def read_averaged(path: Path | str, progress: Progress = silent) -> Recording:
         progress: is told how much of a long one was read.
 
     Raises:
-        TiltcalError: as ``read_log_or_means`` and ``read_pieces`` do; or it has coarse codes, and
-            more rows than there is memory for.
+        TiltcalError: as ``read_log_or_means`` and ``read_pieces`` do; or it has coarse
+            quantisation, and more rows than there is memory for.
     """
     spans = spans_of(path)
     if spans is None:
@@ -89,7 +89,7 @@ def require_room(path: Path | str) -> None:
 
 
 def averaging_note(recording: Recording) -> str | None:
-    """What to say of a recording that was averaged; None of others."""
+    """What to report of a recording that was averaged; None of others."""
     message = recording.metadata.get(AVERAGED)
     return None if message is None else f"{recording.source} was read as averages over {message}"
 
@@ -148,7 +148,7 @@ def averaged(piece: Recording, spans: Spans) -> Recording:
     """Means over spans, one row for each span and for each set of sensors that were sampled
     together.
 
-    A row holds what was read on every one of these sensors' rows beside them, as angles of the
+    A row holds what was read on every one of these sensors' rows next to them, as angles of the
     table are; other columns have rows of their own. Texts are those of the row in the middle.
     """
     groups = list(_groups(piece))

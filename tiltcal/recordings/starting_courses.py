@@ -1,8 +1,8 @@
-"""The course of an axis from the instant on at which it leaves a rest or a steady turn.
+"""The course of an axis from the instant on at which it leaves a standstill or a steady turn.
 
 A polynomial across that instant rings. From it on the course is a sum of powers of the time since,
 the square or the cube first, and before it the level of the rest, or the line of the turn: that
-tells the rate beside it better than any window on one side of it.
+tells the rate next to it better than any window on one side of it.
 """
 
 from dataclasses import dataclass
@@ -13,21 +13,23 @@ import numpy as np
 
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 
-# samples: what begins slowly hides in the noise of the rest, and a rest ends with a margin
+# samples: what begins slowly hides in the noise of the rest, and a standstill ends with a margin
 EARLIEST, LATEST = -4, 5
 COARSE = 0.25  # samples between the instants tried first
 ZOOM = 8.0  # times finer, each time
 ZOOMS = 5
-KNOWN = 1e-4  # of chi-square beside the least: the instant is known to a hundredth of its sigma
-REST = (6, 50)  # samples of a rest, at least, and as many at most for its level
-TURN = 16  # samples of a steady turn, at least: its line goes on beside what follows it
+KNOWN = (
+    1e-4  # of chi-square in addition to the least: the instant is known to a hundredth of its sigma
+)
+REST = (6, 50)  # samples of a standstill, at least, and as many at most for its level
+TURN = 16  # samples of a steady turn, at least: its line goes on in addition to what follows it
 NOTHING = 1e-200  # of a sum of squares
 NEAR = 2.5  # samples from the instant in which every window reaches across it
 
 
 @dataclass(frozen=True)
 class Corner:
-    """The motion beside one end of a rest.
+    """The motion in addition to one end of a standstill.
 
     Args:
         rows: (n,); near: of them those that every window would take across the corner, (n,).
@@ -45,7 +47,8 @@ class Corner:
 
 @dataclass(frozen=True)
 class Side:
-    """Moves as they leave a rest or a steady turn; time runs backwards for those that reach one.
+    """Moves as they leave a standstill or a steady turn; time runs backwards for those that reach
+    one.
 
     Args:
         time: samples, (n,); angle: (n,).
@@ -78,11 +81,11 @@ class Side:
 def side_of(
     time: Array, angle: Array, still: Mask, steady: Mask, noise: Array, parted: Index = NOWHERE
 ) -> Side:
-    """The moves that leave a rest or a steady turn.
+    """The moves that leave a standstill or a steady turn.
 
     Args:
         time: samples, increasing, (n,). angle: rad, (n,).
-        still, steady: rows of rests and of steady turns, (n,).
+        still, steady: rows of standstills and of steady turns, (n,).
         noise: standard deviation of the angle at each stamp, rad, (n,).
         parted: first rows after pauses of the log.
     """
@@ -108,7 +111,7 @@ def side_of(
 
 
 def _line(time: Array, angle: Array, noise: Array, turns: bool) -> tuple[float, float, float]:
-    """Level at no time and slope of a rest, where that is none, or of a steady turn, and the
+    """Level at no time and slope of a standstill, where that is none, or of a steady turn, and the
     variance of the slope. time: (n,).
     """
     if not turns:
@@ -233,7 +236,7 @@ def _along(one: Array, other: Array) -> Array:
 
 
 def corner_at(side: Side, k: int, width: int, powers: tuple[float, ...], instant: float) -> Corner:
-    """The motion beside the k-th end, by its course from an instant on, samples."""
+    """The motion in addition to the k-th end, by its course from an instant on, samples."""
     rows = side.last[k] + np.arange(EARLIEST, width + 1)
     time, beyond = side.beside(np.array([k]), rows[None])
     since = time[0] - instant

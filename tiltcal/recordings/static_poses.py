@@ -51,7 +51,8 @@ class Poses:
         stated: where ``up`` comes from: readout, label or nothing.
         slopes: of a straight line through each dwell, SI a second, (m, k); NaN where only means
             are known.
-        rounding: variance of a mean that coarse codes leave however long it is taken, SI, (m, k).
+        rounding: variance of a mean that coarse quantisation leave however long it is taken, SI,
+            (m, k).
     """
 
     sensor: Sensor

@@ -1,5 +1,5 @@
 """Standstills of a table: rows at which its readout has not moved. They are cached by the contents
-of the readout, because one recording is replayed many times with its columns read anew.
+of the readout, because one recording is replayed many times with its columns read again.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from tiltcal.recordings.stamps import sampled_at
 from tiltcal.setup.pauses import breaks
 from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
-EDGE = 2  # samples beside a move that are left to the polynomial
+EDGE = 2  # samples next to a move that are left to the polynomial
 BESIDE = 10  # samples on either side of one whose means tell that the readout moves slowly there
 SMOOTH = 8  # degree of a polynomial that a motion follows about its turning point
 GOES_ON = 3.0  # times the noise, as told from so few rows, that it may leave
@@ -78,9 +78,9 @@ def _runs(resting: Mask, parted: Index) -> Iterator[tuple[int, int]]:
 
 
 def _levels(part: Array, levels: Array) -> Iterator[tuple[int, int, slice]]:
-    """The rests of a dwell: from row, to row, and which of these rows tell the level.
+    """The standstills of a dwell: from row, to row, and which of these rows tell the level.
 
-    Slow moves lie between them, each half a rest's, or before the first and after the last. A
+    Slow moves lie between them, each half a standstill's, or before the first and after the last. A
     readout that hardly ever stays where it is wanders: that is one rest; or it goes on smoothly:
     that is the turning point of a motion, and no rest.
 
@@ -94,7 +94,8 @@ def _levels(part: Array, levels: Array) -> Iterator[tuple[int, int, slice]]:
         yield from whole
         return
     means = sliding_window_view(part, m, axis=0).mean(axis=-1)
-    # most of the steps may be those of a move; rounding to codes hides less than one of them
+    # most of the steps may be those of a move; rounding to quantisation steps hides less than one
+    # of them
     quick = np.quantile(np.abs(np.diff(part, axis=0)), 0.25, axis=0) + levels
     # a smooth motion leaves nothing of its fourth differences
     bent = np.median(np.abs(np.diff(part, 4, axis=0)), axis=0) * MAD_TO_SIGMA / np.sqrt(comb(8, 4))
@@ -137,7 +138,9 @@ def rests_of(time: bytes, angles: bytes, axes: int) -> tuple[Mask, Index]:
 
 @lru_cache(maxsize=24)
 def edges_of(time: bytes, angle: bytes) -> tuple[Array, Array]:
-    """When an axis left a rest, s, (k,), and when it came to one, of the contents of arrays."""
+    """When an axis left a standstill, s, (k,), and when it came to one, of the contents of
+    arrays.
+    """
     x = np.frombuffer(angle)
     t = sampled_at(np.frombuffer(time), x)
     if len(t) < 9 or np.ptp(x) == 0:

@@ -1,4 +1,4 @@
-"""A temperature column without its rounding: a smooth course that its codes allow."""
+"""A temperature column without its rounding: a smooth course that its quantisation steps allow."""
 
 from collections.abc import Callable
 

@@ -84,7 +84,7 @@ class Certificate:
 
     @property
     def basis(self) -> str:
-        """What U rests on, in words."""
+        """What U rests on, as text."""
         if self.budget is not None and self.assumed:
             return (
                 "U includes the noise of the record (type A) and sources (type B) whose sizes are"
@@ -160,7 +160,7 @@ def write_certificate(certificate: Certificate, path: Path) -> None:
     """Write the page, whole or not at all.
 
     Raises:
-        TiltcalError: the place cannot be written.
+        TiltcalError: the file cannot be written.
     """
     write_text(path, certificate_page(certificate))
 

@@ -89,7 +89,7 @@ def write_dcc(certificate: Certificate, path: Path) -> None:
     """Write the XML, whole or not at all.
 
     Raises:
-        TiltcalError: no day of measurement is stated, or the place cannot be written.
+        TiltcalError: no day of measurement is stated, or the file cannot be written.
     """
     write_text(path, dcc_text(certificate))
 
@@ -270,7 +270,7 @@ def _parameters(parent: ET.Element, c: Certificate) -> None:
 
 
 def _real(parent: ET.Element, name: str, value: float, unit: str, U: float | None) -> None:
-    """A quantity in SI; where its unit has no SI form, in words."""
+    """A quantity in SI; where its unit has no SI form, as text."""
     quantity = _add(parent, "quantity")
     _text(quantity, "name", name)
     si = si_unit(unit)

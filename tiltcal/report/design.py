@@ -1,5 +1,5 @@
-"""The reports of designs: a sequence beside the classic ones, poses in which every effect is
-visible, and a block that separates the alternatives of a diagnosis.
+"""The reports of designs: a sequence in addition to the classic ones, poses in which every effect
+is visible, and a block that separates the alternatives of a diagnosis.
 """
 
 from collections.abc import Mapping, Sequence
@@ -118,7 +118,7 @@ def _gains(plan: Plan) -> Plot:
 
 
 def clock_words(plan: Plan) -> str:
-    """What the table allowed, in words."""
+    """What the table allowed, as text."""
     clock = plan.problem.clock
     return (
         f"{clock.budget:g} s of table time, moves at {clock.rate / DEG:g} °/s, {clock.settle:g} s"

@@ -1,5 +1,5 @@
-"""The report of a diagnosis: the result in one sentence, the law of each finding, held-out data
-before and after, rejected alternatives, the next measurement, what could not be seen.
+"""The report of a diagnosis: the result in one sentence, the functional form of each finding,
+held-out data before and after, rejected alternatives, the next measurement, what could not be seen.
 
 Its plots show the functional form of each finding, residuals of held-out blocks, and spectra.
 """
@@ -34,17 +34,17 @@ WORDS = {
 }
 FOLLOWED = {"temperature": "temperature_degC", "tilt": "input", "rate": "input"}
 MOVING = ("rate", "time", "move", "sample", "frequency")
-"""Coordinates of findings that show while the table moves; of others only rests are drawn."""
+"""Coordinates of findings that show while the table moves; of others only standstills are drawn."""
 MIN_DWELLS = 6  # rests
 MOST_LAWS = 4  # plots of one finding
 MOST_SPECTRA = 6
 WAVES = 12.0  # a curve goes up and down so often, at most
-VISIBLE = 1e-3  # of a law
+VISIBLE = 1e-3  # of a functional form
 
 
 def law_plots(finding: Finding) -> list[Plot]:
-    """The law of a finding over the coordinate that it follows: what deviates at the table first,
-    then the channels that show it, each mounting as a series of its own.
+    """The functional form of a finding over the coordinate that it follows: what deviates at the
+    table first, then the channels that show it, each mounting as a series of its own.
     """
     grouped: dict[tuple[str, str, str], list[LawView]] = {}
     for law in finding.laws:
@@ -61,7 +61,7 @@ def _size(laws: Sequence[LawView]) -> float:
 
 
 def _size_in_words(laws: Sequence[LawView], unit: str) -> str:
-    """How much a law varies, or what it is throughout."""
+    """How much a functional form varies, or what it is throughout."""
     largest = max((law.law for law in laws), key=lambda values: float(np.abs(values).max()))
     if _size(laws) < VISIBLE * float(np.abs(largest).max()):
         return f"{float(np.mean(largest)):.3g} {unit} throughout"
@@ -309,7 +309,7 @@ def lead(diagnosis: Diagnosis) -> str:
 
 
 def _list(findings: Sequence[Finding]) -> str:
-    """Findings in words; those of the same words together."""
+    """Findings as text; those of the same words together."""
     counts = Counter(map(_named, findings))
     texts = [f"{name}{f' ({n} times)' if n > 1 else ''}" for name, n in counts.items()]
     return " and ".join(texts)

@@ -29,7 +29,7 @@ def write_investigation(
     Args:
         state: where it stands.
         answers: diagnosis.json of each diagnosis, the first one first.
-        path: of the file; its diagnoses lie beside it.
+        path: of the file; its diagnoses lie next to it.
         poses: of all recordings.
         table: in these poses.
     """

@@ -50,7 +50,7 @@ def write_page(path: Path, template: str, **values: Any) -> None:
         values: that it shows.
 
     Raises:
-        TiltcalError: the place cannot be written.
+        TiltcalError: the file cannot be written.
     """
     write_text(path, rendered(template, **values))
 

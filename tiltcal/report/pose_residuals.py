@@ -46,7 +46,7 @@ class Tilt:
     Args:
         before, after: root mean square of the uncorrected and of the corrected reading.
         worst_before, worst_after: largest of them; None where it is predicted and not measured.
-        over: the directions, and what the figures rest on, in words.
+        over: the directions, and what the figures rest on, as text.
     """
 
     before: float

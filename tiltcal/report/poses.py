@@ -27,7 +27,7 @@ class Pose:
         up: in the body frame, (3,); gravity points the other way.
         angles: of the table axes, deg; empty by hand.
         start_s: s from the first stamp of the recording.
-        group: recording and mounting, or design, in words.
+        group: recording and mounting, or design, as text.
         mount: R_mount, (3, 3).
     """
 
@@ -76,7 +76,7 @@ def poses_at(
         up: in the body frame, (n, 3).
         angles: of ``axes``, rad, (n, axes).
         starts: of the readings, s, (n,).
-        group: what the poses belong to, in words.
+        group: what the poses belong to, as text.
     """
     named = [dict(zip(axes, row, strict=True)) for row in (angles / DEG).tolist()]
     return [
@@ -91,7 +91,7 @@ def poses_of_steps(steps: Sequence[Step], setup: Setup, group: str) -> list[Pose
     Args:
         steps: in laboratory words.
         setup: whose table follows them.
-        group: what the poses belong to, in words.
+        group: what the poses belong to, as text.
     """
     schedule = build_schedule(tuple(steps), setup.rig)
     legs = [leg for leg in schedule.legs if leg.stop >= 0]

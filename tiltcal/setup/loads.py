@@ -22,7 +22,8 @@ BESIDE = 1e-3  # s before and after, from which the rate of a load follows
 
 @dataclass(frozen=True)
 class Mass:
-    """A point mass on a link, beside those of the model; negative: the model's is too large.
+    """A point mass on a link, in addition to those of the model; negative: the model's is too
+    large.
 
     Args:
         axis: of the link.
@@ -275,7 +276,7 @@ def _of_least_risk(time: Array, moment: Array, error: Array) -> Jet:
         filtered = wave * np.clip(
             isotonic_regression(share, weights=weights, increasing=False).x, 0.0, 1.0
         )
-        still = np.equal(getattr(plain, part), 0.0)  # a rest stays one
+        still = np.equal(getattr(plain, part), 0.0)  # a standstill stays one
         slow = sampled_jet(time, idct(filtered, norm="ortho"))
         parts.append(np.where(still, 0.0, getattr(slow, part)))
     return Jet(moment, *parts)

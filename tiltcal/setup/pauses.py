@@ -1,8 +1,8 @@
 """Pauses of a log: intervals in which nothing was written, and what the table did is not known.
 
-A polynomial, a window or a rest that reaches across one joins two motions that have nothing to do
-with each other. Only where the table rests at one level on both sides is it taken to have rested
-between.
+A polynomial, a window or a standstill that reaches across one joins two motions that have nothing
+to do with each other. Only where the table rests at one level on both sides is it taken to have
+rested between.
 """
 
 from itertools import pairwise
@@ -15,7 +15,9 @@ from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
 # samples: where as many are missing, the narrowest local polynomial would have none of its own
 PAUSE = 5.0
-BESIDE = 10  # samples on either side, at most, whose means tell whether a rest is still the same
+BESIDE = (
+    10  # samples on either side, at most, whose means tell whether a standstill is still the same
+)
 SAME = 6.0  # sigma that those means may be apart
 
 

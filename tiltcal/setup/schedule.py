@@ -121,7 +121,7 @@ class Schedule:
         return tuple(found)
 
     def rests(self) -> Rests:
-        """When each rest begins and ends."""
+        """When each standstill begins and ends."""
         begin = {leg.stop: leg.t0 for leg in reversed(self.legs) if leg.stop >= 0}
         end = {leg.stop: leg.t1 for leg in self.legs if leg.stop >= 0}
         if self.legs[-1].stop >= 0:

@@ -41,7 +41,7 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
     """The file of a sequence: every move and dwell with the angles it ends at.
 
     Raises:
-        TiltcalError: a step has no word in the file: an oscillation, or anything turned by hand.
+        TiltcalError: a step has no word in the file: an oscillation, or anything hand-held.
     """
     if not rig.axes:
         raise TiltcalError(

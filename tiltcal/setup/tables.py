@@ -1,4 +1,4 @@
-"""The tables. Each is declared here once, beside its MJCF in ``models/``.
+"""The tables. Each is declared here once, next to its MJCF in ``models/``.
 
 Everything that depends on the kind of a table follows from its axes: names of columns, angles that
 turn a direction up, the axis that gravity loads, where axes may be out of square. An installed
@@ -37,7 +37,7 @@ class Table:
 
     Args:
         name: as ``rig.table`` states it.
-        axes: outermost first; empty: the instrument is turned by hand.
+        axes: outermost first; empty: the instrument is hand-held.
         model: its MJCF; None: ``<name>.xml`` among the models of this installation.
         chain: where the axes stand to each other, of a user's own model; None: all angles zero, the
             axes meet in one point along coordinate axes.

@@ -108,7 +108,8 @@ class Drive:
             deflections of the structure's own joints, by name.
         realised: addresses of the effects that the readout or ``structure`` already holds: the
             algebra leaves them out.
-        rests: says when each rest began and ended; None: with the first and the last row of a stop.
+        rests: says when each standstill began and ended; None: with the first and the last row of
+            a stop.
         rows_apart: whether the rows are no course in time, as where many rigs are stepped together
             or the next row is not known yet: each has its own motion alone.
     """
@@ -135,8 +136,8 @@ class Drive:
 
 @dataclass(frozen=True)
 class Rests:
-    """When each rest began and ended, s, (m,), in order; a recording that begins amid a move
-    follows a rest long ago.
+    """When each standstill began and ended, s, (m,), in order; a recording that begins amid a move
+    follows a standstill long ago.
     """
 
     begin: Array
@@ -166,7 +167,7 @@ class Rests:
         return cls(time[first], time[last]).led_in(bool(len(stop)) and bool(stop[0] < 0))
 
     def led_in(self, moving: bool) -> "Rests":
-        """With a rest long ago where the recording begins amid a move."""
+        """With a standstill long ago where the recording begins amid a move."""
         return (
             Rests(*(np.concatenate([[-np.inf], side]) for side in (self.begin, self.end)))
             if moving

@@ -151,7 +151,7 @@ def noise_posterior(dwells: Sequence[Array]) -> Array:
     read; the true values lie anywhere.
 
     A spread of one code tells little by itself: it is noise, or a true value near the edge of a
-    code. How the readings share the codes of all dwells tells which.
+    code. How the readings share the LSBs of all dwells tells which.
 
     Args:
         dwells: rounded readings of each, in codes about any value, (n_i,).

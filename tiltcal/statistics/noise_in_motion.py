@@ -79,7 +79,7 @@ def _significant(means: list[Array], logarithms: Array, significance: float) -> 
 
 
 def _chance(new: Array, kept: list[Array], logarithms: Array) -> float:
-    """P-value of regressors beside others: that chance explains as much (F test)."""
+    """P-value of regressors in addition to others: that chance explains as much (F test)."""
     ones = np.ones(len(logarithms))
     before, after = np.column_stack([ones, *kept]), np.column_stack([ones, *kept, new])
     (first, low), (second, high) = (_left(design, logarithms) for design in (before, after))

@@ -4,9 +4,9 @@ uncertainty it really has.
 The variance of an M-estimator is ``<psi^2> / <psi'>^2 / n`` (Huber 1981, eq. 3.2.14); noise is
 common to all dwells, so scale, <psi^2> and <psi'> are pooled over them.
 
-A median of quantised data sticks to codes: where the noise is below some three codes it is no
-estimate of anything between them. ``inliers`` uses the median only to reject and then takes a mean,
-which keeps the dither.
+A median of quantised data sticks to quantisation steps: where the noise is below some three codes
+it is no estimate of anything between them. ``inliers`` uses the median only to reject and then
+takes a mean, which keeps the dither.
 """
 
 from collections.abc import Callable, Sequence

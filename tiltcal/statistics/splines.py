@@ -97,7 +97,9 @@ class SplineBasis:
 
     @cached_property
     def differences(self) -> "csr_array":
-        """Differences of the coefficients, (coefficients - ORDER, free); all zero inside a rest."""
+        """Differences of the coefficients, (coefficients - ORDER, free); all zero inside a
+        standstill.
+        """
         from scipy.sparse import csr_array, eye_array
 
         operator = csr_array(eye_array(len(self.group)))
@@ -161,7 +163,7 @@ def most_probable_course(
     A move is judged by the readings from the rest before it to the rest after it.
 
     Args:
-        basis: where the knots and the rests are.
+        basis: where the knots and the standstills are.
         readings: of one or several sensors, not empty.
         before: the course as it is known, on the same basis: differences that are large in it are
             penalised less.

@@ -84,7 +84,7 @@ class MethodResult:
 
     @property
     def verdict(self) -> str:
-        """The verdicts of all runs, in words; those of one run and of runs that agree without a
+        """The verdicts of all runs, as text; those of one run and of runs that agree without a
         number.
         """
         shown = [row.shown_verdict for row in self.rows]
@@ -126,7 +126,7 @@ def run_scenario(
         scenario: that is run.
         source: its file, for messages.
         allow_commands: whether it may run programs as methods.
-        progress: is told the rate and the time left.
+        progress: receives the rate and the time left.
         laboratory: of this process.
         workers: other processes, which make the same runs.
         kept: runs that were made before, and takes those that are made.

@@ -41,7 +41,7 @@ class TiltError:
     Args:
         before: of the uncalibrated reading; after: of the corrected one.
         bound: what the calibration's own covariance predicts for ``after``.
-        over: the directions, in words.
+        over: the directions, as text.
         dof: degrees of freedom of after^2 = sum of w_k chi2(1), by that covariance: the sum of the
             weights w over the largest. A scaled chi-square with so many has tails at least as long.
     """
@@ -205,11 +205,11 @@ def estimated_up(f: Array, g: float) -> Array:
 def predicted_tilt(
     setup: Setup, sensor: Sensor, calibration: Calibration
 ) -> tuple[float, float, str]:
-    """What a calibration says of itself, without a truth, over the directions of ``tilt_error``.
+    """What a calibration states of itself, without a truth, over the directions of ``tilt_error``.
 
     Returns:
         Root mean square angle between the uncorrected and the corrected reading, and the tilt error
-        that the covariance predicts after correction, rad; the directions in words.
+        that the covariance predicts after correction, rad; the directions as text.
     """
     up, over = _directions(sensor)
     g = setup.site.gravity

@@ -35,7 +35,7 @@ class Check(Tabular):
         expected: rms error that noise and the calibration's covariance predict, rad.
         poses: error of each dwell, rad, (m,).
         tests: statistical ones.
-        statement: in words.
+        statement: as text.
     """
 
     accepted: bool

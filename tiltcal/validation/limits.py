@@ -30,7 +30,7 @@ from tiltcal.validation.runs import Row
 
 @dataclass(frozen=True)
 class Limit:
-    """One acceptance limit: what was reached, what was allowed, in words.
+    """One acceptance limit: what was reached, what was allowed, as text.
 
     Args:
         interval: 95 % interval of what was reached, where it is an estimate.

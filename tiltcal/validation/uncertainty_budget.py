@@ -172,7 +172,7 @@ class Source:
     """One line of the budget.
 
     Args:
-        name: in words.
+        name: as text.
         size: as stated, in ``unit``, with its distribution.
         standard: standard uncertainty, in ``unit``.
         shifts: one, or one a stop for errors that are drawn at each stop.
@@ -320,7 +320,7 @@ class Line:
     """What a source contributes.
 
     Args:
-        name, kind: in words; A (from the record's own noise) or B.
+        name, kind: as text; A (from the record's own noise) or B.
         size, unit, distribution, standard: as in ``Source``; of the type A line nothing but words.
         contributions: parameter -> standard uncertainty it contributes, in the parameter's unit.
     """
@@ -387,7 +387,7 @@ def make_budget(
         method: its name, or a function.
         recording, setup: what it is called with.
         tables: the stated sources.
-        progress: is told how many runs of the method are left, and how long they take.
+        progress: receives how many runs of the method are left, and how long they take.
         options: of the method.
 
     Raises:

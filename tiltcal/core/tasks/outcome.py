@@ -36,7 +36,7 @@ class Outcome:
 
     Args:
         value: what it returned.
-        error: what it raised, in words; None when it returned. refusal: that error itself, where
+        error: what it raised, as text; None when it returned. refusal: that error itself, where
             it is one of this package.
         fault: why its process had to go; None where it stayed.
         seconds: of wall time.
@@ -49,7 +49,7 @@ class Outcome:
     seconds: float = 0.0
 
     def failure(self, limits: Limits) -> str | None:
-        """Why there is no value, in words; None where there is one."""
+        """Why there is no value, as text; None where there is one."""
         if self.fault == "time":
             return f"it took more than {limits.seconds:g} s"
         if self.fault == "memory":

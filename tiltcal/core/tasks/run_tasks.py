@@ -156,7 +156,7 @@ def make_all(
         journal: of what is finished.
         engine: where they are made.
         limits: of time and memory of each.
-        progress: is told the rate and the time left.
+        progress: receives the rate and the time left.
         total: how many there are, with those that it has.
         recorded: the record of an outcome, as it goes into the journal.
         meanwhile: called in another thread when the first task is handed out.

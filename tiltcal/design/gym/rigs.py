@@ -315,7 +315,7 @@ class Rigs:
 
     def restart(self, rows: Mask, seed: int | None = None) -> None:
         """These rigs rest with all axes at zero, and are switched on. rows: (count,); seed: of all
-        instruments anew.
+        instruments again.
         """
         self.motion.restart(rows)
         self.instrument.reset(None if seed is not None else rows, seed=seed)

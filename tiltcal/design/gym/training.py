@@ -1,11 +1,11 @@
 """Training a simple policy without deep learning: the cross-entropy method on a linear law, all
 candidates stepped at once.
 
-``python -m tiltcal.design.gym.training`` trains one and prints what it is worth beside the
+``python -m tiltcal.design.gym.training`` trains one and prints what it is worth in addition to the
 baselines.
 
-The law: the next pose is the present one plus a step that is linear in (1, time left, sin and cos
-of the angles), and so is the dwell. Source of the method: Rubinstein 1999.
+The functional form: the next pose is the present one plus a step that is linear in (1, time left,
+sin and cos of the angles), and so is the dwell. Source of the method: Rubinstein 1999.
 """
 
 from dataclasses import dataclass

@@ -138,7 +138,7 @@ class InstrumentedVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         return observation, {**info, "readings": readings}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """One step, and one sample of each; an episode that begins anew switches its instrument
+        """One step, and one sample of each; an episode that starts again switches its instrument
         on.
         """
         observation, reward, over, cut, info = self.env.step(actions)

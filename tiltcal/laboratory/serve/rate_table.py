@@ -45,7 +45,7 @@ class Mechanics(Protocol):
         """What encoders and structure do at the times of ``asked``, which were stepped."""
 
     def remount(self, mount: str) -> None:
-        """The instrument is mounted anew."""
+        """The instrument is mounted again."""
 
 
 @runtime_checkable

@@ -195,7 +195,7 @@ class _Stream:
 
 
 def write_mcap(recording: Recording, path: Path) -> None:
-    """Write triads as ``sensor_msgs/Imu``, the temperature and the table angles beside them.
+    """Write triads as ``sensor_msgs/Imu``, the temperature and the table angles next to them.
 
     An accelerometer and a gyro that were sampled together share the topic ``/imu``; other triads
     have ``/<sensor>``. Time stamps are ``time_s``, plus the metadata ``time zero``.

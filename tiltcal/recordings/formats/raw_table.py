@@ -75,7 +75,7 @@ class RawFile:
 
     Args:
         source: its name.
-        format: the format in words.
+        format: the format as text.
         tables: one or more.
     """
 

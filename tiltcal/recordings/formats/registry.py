@@ -29,7 +29,7 @@ class Format:
     """A format.
 
     Args:
-        name: in words.
+        name: as text.
         reader: module of this room and function, ``module:function``; imported on use.
         marks: what its files begin with.
         suffixes: how their names end, where the content says nothing.

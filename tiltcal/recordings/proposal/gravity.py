@@ -10,7 +10,7 @@ NORMS = {"m_s2": 9.80665, "g": 1.0, "mg": 1000.0, "ug": 1.0e6}
 """Norm of gravity in each unit."""
 _NEAR = 0.06  # relative; biases of consumer sensors
 _GAL = 980.665
-_EVEN = 0.12  # relative spread of the norm over the rests of a triad without large offsets
+_EVEN = 0.12  # relative spread of the norm over the standstills of a triad without large offsets
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class UnitGuess:
     Args:
         unit: empty where it cannot be known.
         scale: of the column, to come to that unit.
-        reason: in words; doubt: what cannot be known, empty where all is.
+        reason: as text; doubt: what cannot be known, empty where all is.
     """
 
     unit: str

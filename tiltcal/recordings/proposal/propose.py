@@ -136,7 +136,7 @@ class ColumnGuess:
     Args:
         channel: the column.
         to: its name here; ends in ``_?`` where the unit cannot be known.
-        reason: in words.
+        reason: as text.
         scale, offset: to its unit.
     """
 

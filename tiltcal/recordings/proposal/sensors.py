@@ -14,7 +14,7 @@ from tiltcal.recordings.proposal.rests import Windows, apart, moves, windows_of
 from tiltcal.recordings.proposal.turning import Turning, follow, unit_of_gyro
 
 _EVEN = 0.12  # relative spread of the norm of gravity over the rests
-_ATTITUDE, _ALIKE = 0.25, 0.05  # of rests that depend on the attitude; that are all alike
+_ATTITUDE, _ALIKE = 0.25, 0.05  # of standstills that depend on the attitude; that are all alike
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +214,7 @@ def with_units(triads: Sequence[Triad], rates: Mapping[str, float | None]) -> li
 
 
 def _beside(gyro: Triad, triads: Sequence[Triad], number: int) -> Triad | None:
-    """The accelerometer beside a gyro whose readings have one norm at rest."""
+    """The accelerometer next to a gyro whose readings have one norm at rest."""
     there = [t for t in triads if t.kind == "accel" and len(t.values) == len(gyro.values)]
     even = [t for t in there if t.windows is not None and norm_at_rest(t.windows)[1] < _EVEN]
     return even[min(number, len(even)) - 1] if even else None

@@ -1,4 +1,4 @@
-"""What a recording says of its set-up: table, mounting and sensors, each with a reason."""
+"""What a recording states of its set-up: table, mounting and sensors, each with a reason."""
 
 from dataclasses import dataclass, field, replace
 
@@ -29,7 +29,7 @@ KINDS = {
     "rate": "gyro",
     "raw": "accelerometer",
 }  # sensor kind by quantity of the unit
-ROUND = 0.03  # relative: rests of a triad in counts lie on a sphere as nearly
+ROUND = 0.03  # relative: standstills of a triad in counts lie on a sphere as nearly
 RESTS = 6  # that a sphere takes
 SHOWN = 3  # other rigs that gravity does not exclude
 
@@ -41,7 +41,7 @@ class SensorGuess:
     Args:
         name, kind, axes, unit: of its columns.
         rate_hz: of its samples.
-        reason: why it is of that kind, in words.
+        reason: why it is of that kind, as text.
         zero, per_m_s2: of counts, where gravity at rest shows them: (3,), counts per m/s2.
         doubts: what the numbers contradict or do not say.
     """
@@ -63,7 +63,7 @@ class RigGuess:
 
     Args:
         table, mount: as ``[rig]`` states them.
-        reason: in words.
+        reason: as text.
         doubts: what the recording does not say, or says otherwise.
     """
 
@@ -144,7 +144,7 @@ def _accelerometer(recording: Recording, guess: SensorGuess, gravity: float) -> 
 
 
 def _gyro(recording: Recording, guess: SensorGuess, triad: SensorGuess) -> SensorGuess:
-    """The unit by how gravity turns in the accelerometer beside it."""
+    """The unit by how gravity turns in the accelerometer next to it."""
     force, rates = _values(recording, triad), _values(recording, guess)
     turning = follow(force, rates, guess.rate_hz)
     largest = float(np.nanmax(np.abs(rates - np.nanmedian(rates, axis=0))))

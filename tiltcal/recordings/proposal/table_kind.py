@@ -29,7 +29,7 @@ class TableGuess:
         table: its name; empty where it cannot be known.
         axes: column name -> axis of the table; empty where it cannot be known.
         unit: of the angles.
-        reason, doubt: in words.
+        reason, doubt: as text.
     """
 
     table: str

@@ -1,4 +1,4 @@
-"""A gyro checked by the accelerometer beside it: gravity turns by the integral of the rate."""
+"""A gyro checked by the accelerometer next to it: gravity turns by the integral of the rate."""
 
 from dataclasses import dataclass
 
@@ -93,7 +93,7 @@ def unit_of_gyro(
     """The unit of a triad that is said or seen to be a gyro.
 
     Args:
-        turning: of gravity beside it, where there is an accelerometer.
+        turning: of gravity next to it, where there is an accelerometer.
         rate: of samples, Hz.
         largest: reading, without its bias.
         stated: by the file; empty where it states none.

@@ -52,7 +52,7 @@ class CampaignTable(StrictTable):
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign with its scenario as the file says it."""
+    """A campaign with its scenario as the file states it."""
 
     table: CampaignTable
     document: Document

@@ -36,7 +36,7 @@ WRITTEN = "a campaign.json as `tiltcal campaign` writes it"
 
 
 class StoredCampaign(Stored):
-    """What is kept of a campaign beside its journal."""
+    """What is kept of a campaign next to its journal."""
 
     campaign: dict[str, Any]
     scenario: dict[str, Any]
@@ -44,7 +44,7 @@ class StoredCampaign(Stored):
 
 @dataclass(frozen=True)
 class CampaignFiles:
-    """Files of a campaign: a folder, or for a file ``x.parquet`` the files ``x.*`` beside it."""
+    """Files of a campaign: a folder, or for a file ``x.parquet`` the files ``x.*`` next to it."""
 
     results: Path
 
@@ -65,7 +65,7 @@ class CampaignFiles:
         return self.results.with_suffix(suffix)
 
     def claimed(self) -> AbstractContextManager[None]:
-        """The folder held for one run; files beside those of other campaigns are held by their
+        """The folder held for one run; files next to those of other campaigns are held by their
         journal alone.
         """
         return claimed(self.results.parent if self.results.name == RESULTS else None)
@@ -141,7 +141,7 @@ def make_runs(
         engine: where they are made.
         limits: of time and memory of each.
         make_laboratory: called once in each process; a function at the top of a module.
-        progress: is told the rate and the time left.
+        progress: receives the rate and the time left.
         meanwhile: called in another thread when the first run is handed out.
 
     Raises:
@@ -170,7 +170,7 @@ def forget_faults(campaign: Campaign, journal: Journal) -> None:
 
 
 def write_campaign(campaign: Campaign, files: CampaignFiles) -> None:
-    """Keep a campaign with its scenario beside its journal, for ``read_campaign``."""
+    """Keep a campaign with its scenario next to its journal, for ``read_campaign``."""
     table = campaign.table.model_dump(mode="json", by_alias=True, exclude_none=True)
     document = json.loads(json.dumps(campaign.document, default=str))
     write_json(files.beside(".campaign.json"), {"campaign": table, "scenario": document})

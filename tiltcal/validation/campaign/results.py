@@ -69,7 +69,7 @@ def provenance_of(campaign: Campaign) -> dict[str, Any]:
 
 
 def known_summary(campaign: Campaign, folder: CampaignFiles) -> dict[str, Any] | None:
-    """The summary that was written of the same campaign by the same versions, beside its results
+    """The summary that was written of the same campaign by the same versions, next to its results
     and its report; None where one of them is missing.
     """
     files = [folder.results, folder.beside(".html"), summary := folder.beside(".summary.json")]
@@ -83,7 +83,7 @@ def write_results(results: Results, path: Path) -> None:
     """Write all rows as Parquet, whole or not at all; its metadata ``tiltcal`` is the provenance.
 
     Raises:
-        TiltcalError: the place cannot be written.
+        TiltcalError: the file cannot be written.
     """
     import pyarrow as pa
     from pyarrow import parquet

@@ -97,7 +97,7 @@ class FieldScale:
 
 
 def field_scale(setup: Setup, *, rest_s: float = 20.0) -> FieldScale:
-    """Scale factors of a gyro triad against one FOG from turns by hand, after a rest.
+    """Scale factors of a gyro triad against one FOG from hand turns, after a standstill.
 
     Raises:
         TiltcalError: the set-up has no gyro triad, or no FOG.

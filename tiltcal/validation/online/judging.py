@@ -215,7 +215,7 @@ class OnlineResult:
 
     @property
     def statement(self) -> str:
-        """In words."""
+        """As text."""
         parts = ", ".join(
             f"{k} {self.rms(k) / ARCSEC:.4g}"
             for k in ("rest", "move", "swing")

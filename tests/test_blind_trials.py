@@ -305,7 +305,7 @@ def test_a_cheat_reaches_every_figure_and_a_fool_misses_them():
 @pytest.mark.usefixtures("here")
 def test_without_the_trials_the_command_says_where_they_are(capsys):
     assert main(["prove", "--trials", "nowhere"]) == 2
-    assert "tests/blind of the source" in capsys.readouterr().err
+    assert "tests/blind of a source checkout" in capsys.readouterr().err
 
 
 def most(n, rate):

@@ -226,7 +226,7 @@ def test_slow_variation_beyond_any_grade_is_a_finding(walking):
     assert slow
     assert found.verdict == "unlisted"
     for finding in slow:
-        assert "times the slow noise of the worst grade" in finding.statement
+        assert "times the slow noise of a consumer-grade sensor" in finding.statement
 
 
 def test_what_is_not_probable_enough_to_be_claimed_is_a_doubt():

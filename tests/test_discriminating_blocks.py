@@ -207,7 +207,7 @@ def test_hand_held_and_the_meaning_of_data_are_left_to_words() -> None:
     )
     hand = parse_scenario({**PLACING, "rig": {"table": "handheld"}, "sequence": [], "effect": []})
     assert (
-        "by hand: think."
+        "hand-held instrument: think."
         in next_block(hand, [recording], told, amended, Limits(), silent).statement
     )
     plan = next_block(known, [recording], told, {**amended, "effect": []}, Limits(), silent)

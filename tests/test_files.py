@@ -92,7 +92,7 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path):
         TiltcalError,
         match=(
             "found no such file or directory, need a folder that can be written; choose another"
-            " place"
+            " location"
         ),
     ):
         write_text(tmp_path / "nowhere" / "a.txt", "x")

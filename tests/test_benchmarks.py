@@ -1,6 +1,7 @@
 """Every benchmark runs to its end at its smallest size."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from tests.benchmarks.__main__ import ROOMS
 
 ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.long
+JUDGED = {"investigating", "trials"}  # rates of answers: those of no answers are rates too
 PROGRAMS = {"baselines", "compare_commits"}  # with command lines of their own
 
 
@@ -31,6 +33,8 @@ def test_a_benchmark_ends(room):
     assert done.returncode == 0, done.stderr[-2000:]
     assert "Traceback" not in done.stderr, done.stderr[-2000:]  # of a program that it started
     assert done.stdout
+    if room in JUDGED:
+        assert re.search(r"no answer at all +0/", done.stdout), done.stdout + done.stderr
 
 
 def test_every_module_is_a_benchmark_or_a_program():

@@ -108,6 +108,7 @@ def judged(out: Path, truth: str) -> Plain:
 def show(results: Sequence[Plain]) -> str:
     """Rates with their 95 % intervals."""
     asked = [r for r in results if r["ambiguous"]]
+    silent = [r for r in results if not r["verdicts"]]
     lines = [f"{len(results)} cases, {len(asked)} ambiguous at first"]
     for name, hits, required in (
         (
@@ -118,6 +119,7 @@ def show(results: Sequence[Plain]) -> str:
         ("explained, but wrong", [r["explained"] and not r["right"] for r in asked], ""),
         ("in less table time than 24 positions twice", [r["quick"] for r in asked], ""),
         ("truth in the first class", [r["held"] for r in asked], ""),
+        ("no answer at all", [not r["verdicts"] for r in results], "<= 0 %"),
     ):
         k, n = sum(hits), len(hits)
         low, high = wilson(k, n) if n else (0.0, 1.0)
@@ -140,11 +142,12 @@ def show(results: Sequence[Plain]) -> str:
                 f"  {r['kind']} {r['truth']} ({r['lambda']:.0f}): {r['verdicts']}"
                 f" {r['classes'][-1]} {r['said']}"
             )
+    lines += [f"  {r['kind']} {r['truth']}: exit {r['status']}: {r['said']}" for r in silent]
     return "\n".join(lines)
 
 
 def main(arguments: Sequence[str] | None = None, spread: Spread | None = None) -> int:
-    """Run and print.
+    """Run and print. Exit status 1: an investigation gave no answer at all.
 
     Args:
         spread: makes the investigations, in any order; by default in processes of this machine.
@@ -179,7 +182,7 @@ def main(arguments: Sequence[str] | None = None, spread: Spread | None = None) -
         raise
     results.sort(key=lambda r: (r["kind"], r["truth"]))
     print(json.dumps(results, indent=1) if args.json else show(results))
-    return 0
+    return int(any(not r["verdicts"] for r in results))
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -18,7 +18,7 @@ from tiltcal.cli.options import (
     MoreBudget,
     ScenarioFile,
 )
-from tiltcal.cli.output import paragraph, print_json, print_table, progress_line, say
+from tiltcal.cli.output import paragraph, print_json, print_line, print_table, progress_line
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json
 from tiltcal.core.read_back import checked
@@ -306,7 +306,7 @@ def _shown(summary: dict[str, Any], files: CampaignFiles, as_json: bool) -> int:
         return 0
     print_summary(summary)
     for name in (files.results, files.beside(".summary.json"), files.beside(".html")):
-        say(f"written: {name}")
+        print_line(f"written: {name}")
     return 0
 
 

@@ -11,7 +11,7 @@ from tiltcal.api.diagnosing import explain, honest_scenario, write_results
 from tiltcal.api.table_scene import table_in
 from tiltcal.cli.design_options import axis_limits
 from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, EngineName, Jobs, Json
-from tiltcal.cli.output import paragraph, print_json, progress_line, tell
+from tiltcal.cli.output import paragraph, print_json, print_note, progress_line
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import claimed, require_file
 from tiltcal.core.progress import Progress
@@ -136,8 +136,8 @@ def _show(state: Investigation, output: Path, as_json: bool) -> None:
             f"recorded {entry.recording}: {entry.block}, {entry.minutes:.1f} min of table time"
         )
     paragraph(f"{state.verdicts[-1]}: {state.statement}")
-    tell(f"{output}/log.md")
-    tell(f"{output}/report.html")
+    print_note(f"{output}/log.md")
+    print_note(f"{output}/report.html")
 
 
 def block_limits(given: BlockLimits) -> Limits:

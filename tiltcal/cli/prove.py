@@ -149,7 +149,7 @@ def _run(module: str, arguments: Sequence[str], tests: Path, engine: str, jobs: 
 
         try:
             status: int = program.main(arguments, spread)
-        except SystemExit as error:  # of its argument parser, which has said why
+        except SystemExit as error:  # of its argument parser, which has printed the cause
             return int(error.code or 0)
         return status
 

@@ -62,9 +62,9 @@ def _print(found: Confusion, groups: Sequence[Sequence[str]]) -> None:
 
 def _row(s: ParameterVisibility) -> list[str]:
     alternatives = ", ".join(
-        f"{label} {cosine:+.3f}" for label, cosine in s.rivals[:SHOWN_ALTERNATIVES]
+        f"{label} {cosine:+.3f}" for label, cosine in s.alternatives[:SHOWN_ALTERNATIVES]
     )
-    more = len(s.rivals) - SHOWN_ALTERNATIVES
+    more = len(s.alternatives) - SHOWN_ALTERNATIVES
     return [
         s.column.label,
         f"{100 * s.absorbed:.1f} %",
@@ -100,5 +100,5 @@ def _sight_json(s: ParameterVisibility) -> dict[str, object]:
         "absorbed": s.absorbed,
         "detectable": s.detectable if np.isfinite(s.detectable) else None,
         "unique": s.unique,
-        "rivals": [{"parameter": r, "cosine": c} for r, c in s.rivals],
+        "rivals": [{"parameter": r, "cosine": c} for r, c in s.alternatives],
     }

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import paragraph, print_json, print_line, print_table
 from tiltcal.core.errors import TiltcalError, nearest
-from tiltcal.design.identifiability import nearest_rivals
+from tiltcal.design.identifiability import most_similar_effects
 from tiltcal.effects import CATALOGUE, Effect
 from tiltcal.effects.parameter import GRADES
 
@@ -99,7 +99,7 @@ def explain(cls: type[Effect], as_json: bool) -> None:
         ("source", cls.source),
     ):
         paragraph(f"{name + ':':12s}{text}", indent=" " * 12)
-    similar_effects = nearest_rivals(cls.id)
+    similar_effects = most_similar_effects(cls.id)
     if similar_effects:
         similar = ", ".join(f"{i} (cosine {c:.3f})" for i, c in similar_effects)
         paragraph(f"{'similar:':12s}{similar}", indent=" " * 12)

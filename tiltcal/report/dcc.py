@@ -104,7 +104,7 @@ def require_date(stated: Stated) -> None:
         raise TiltcalError(
             "digital calibration certificate",
             found="no day of the measurement",
-            need="one: the schema requires it, and no recording holds it",
+            need="one: the schema requires it, and no recording contains it",
             do="add --date YYYY-MM-DD",
         )
 

@@ -36,7 +36,7 @@ from tiltcal.validation.campaign.folder import (
     Shard,
     forget_faults,
     make_runs,
-    merged,
+    merge_shards,
     write_campaign,
 )
 from tiltcal.validation.campaign.points import check_levels, require_allowed, require_countable
@@ -246,7 +246,7 @@ def merge(
     """
     files = CampaignFiles.of(output)
     with files.claimed(), files.whole_or_not_at_all():
-        found = merged([CampaignFiles.of(part) for part in parts], files)
+        found = merge_shards([CampaignFiles.of(part) for part in parts], files)
         return _finished(found, files, as_json)
 
 
@@ -294,8 +294,8 @@ def _finished(found: Campaign, files: CampaignFiles, as_json: bool) -> int:
         results = Results(found, journal)
         write_results(results, files.results)
         summary = summary_of(results)
-        write_json(files.beside(".summary.json"), summary)
-        write_campaign_report(results, summary, files.beside(".html"))
+        write_json(files.sibling(".summary.json"), summary)
+        write_campaign_report(results, summary, files.sibling(".html"))
     return _shown(summary, files, as_json)
 
 
@@ -305,7 +305,7 @@ def _shown(summary: dict[str, Any], files: CampaignFiles, as_json: bool) -> int:
         print_json(summary)
         return 0
     print_summary(summary)
-    for name in (files.results, files.beside(".summary.json"), files.beside(".html")):
+    for name in (files.results, files.sibling(".summary.json"), files.sibling(".html")):
         print_line(f"written: {name}")
     return 0
 

@@ -27,10 +27,13 @@ class Point:
     """One set of values of all factors.
 
     Args:
-        number: from 0. cell: number of the combination of levels.
-        values: by factor, as results show them. document: the scenario there.
+        number: from 0.
+        cell: number of the combination of levels.
+        values: by factor, as results show them.
+        document: the scenario there.
         matrix: of the design: ``A``, ``B`` or ``AB1``, ``AB2`` ... (A with that factor from B);
-            empty without distributions. sample: number within its matrix.
+            empty without distributions.
+        sample: number within its matrix.
         noise: number of its noise; points of one number share the seeds of their runs.
     """
 

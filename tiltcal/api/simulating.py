@@ -35,16 +35,16 @@ def simulator(progress: Progress = silent) -> Laboratory:
 
 
 def _in_steps(progress: Progress) -> Callable[[int, int], None]:
-    """Tells the steps that are done, of how many; fewer than before begin another run."""
+    """Report the steps done, and the total; fewer than before begin another run."""
     rate, before = Rate(0), 0
 
-    def told(done: int, steps: int) -> None:
+    def report(done: int, steps: int) -> None:
         nonlocal rate, before
         if rate.made + before >= done or not before:
             rate, before = Rate(steps, "steps"), done
         progress(rate.after(done - before, before))
 
-    return told
+    return report
 
 
 def seed_used(scenario: Scenario, noise: bool, seed: int | None) -> int | None:
@@ -61,7 +61,7 @@ def pieces_of(
 
     Args:
         scenario: the model.
-        motion: whose stamps and readout are replayed; None: the scenario's own sequence.
+        motion: recording with the stamps and the readout; None: the scenario's own sequence.
         seed: of the random effects; None: without them and without quantisation.
         progress: receives what is being done.
     """

@@ -11,7 +11,7 @@ import numpy as np
 from cyclopts import Group, Parameter
 
 from tiltcal.api.designing import DesignedSequence, designed
-from tiltcal.api.diagnosing import honest_scenario
+from tiltcal.api.diagnosing import load_nominal_scenario
 from tiltcal.api.table_scene import table_in
 from tiltcal.cli.design_options import (
     Aim,
@@ -368,7 +368,7 @@ def design_separating_block(
             need="the scenario that was diagnosed",
             do="add --scenario TOML",
         )
-    scenario = honest_scenario(described)
+    scenario = load_nominal_scenario(described)
     diagnosis = read_diagnosis(split)
     amended = require_file(split.with_name("amended.toml"), "amended scenario")
     data = [read_recording(p) for p in _recordings_of(diagnosis, split, wanted.recordings)]

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
-from tiltcal.api.diagnosing import explain, honest_scenario, write_results
+from tiltcal.api.diagnosing import explain, load_nominal_scenario, write_results
 from tiltcal.api.table_scene import table_in
 from tiltcal.cli.design_options import axis_limits
 from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, EngineName, Jobs, Json
@@ -85,7 +85,7 @@ def investigate(
     Exit status: 0 explained; 1 not explained within the budget, or not within
     reach of this table; 2 unusable input.
     """
-    nominal = honest_scenario(scenario)
+    nominal = load_nominal_scenario(scenario)
     laboratory = CommandLaboratory.parse(lab)
     given = [str(require_file(path, "recording").absolute()) for path in recordings]
     opened = shared_engine(engine, jobs)

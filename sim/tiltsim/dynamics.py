@@ -460,7 +460,7 @@ class _Hand:
 
     def _effort(self, time: Array, attitude: Attitude) -> Array:
         """Rate as a share of its leg's highest, (n,): 0 at rest, so that nothing moves there."""
-        moves = [e if e.law == "ramp" else None for e in self.schedule.legs]
+        moves = [e if e.profile == "ramp" else None for e in self.schedule.legs]
         peaks = np.array(
             [1.0 if e is None else np.linalg.norm(e.dq) / (e.t1 - e.t0 - e.ramp) for e in moves]
         )

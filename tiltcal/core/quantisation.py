@@ -7,7 +7,7 @@ from tiltcal.core.arrays import Array
 LEAST = 16  # different steps that tell a grid
 
 
-def code_width(column: Array) -> float:
+def lsb_width(column: Array) -> float:
     """The smallest step between successive samples, in the column's unit; 0 when it never changes.
     (n,)
     """
@@ -16,7 +16,7 @@ def code_width(column: Array) -> float:
     return float(steps.min()) if len(steps) else 0.0
 
 
-def code_grid(column: Array) -> float | None:
+def lsb_grid(column: Array) -> float | None:
     """The code that all values of a column are whole multiples apart of, in its unit; None where
     there is no such grid. column: (n,).
 

@@ -72,7 +72,7 @@ def converted(converter: Converter, grid: Array, signal: Array, instants: list[A
 def coded(converter: Converter, reading: Array) -> Array:
     """Readings as whole codes, clipped at the ends of the range, m/s2. reading: m/s2, (n,)."""
     top = 2 ** (converter.bits - 1)
-    return np.asarray(np.clip(np.rint(reading / converter.code), -top, top - 1) * converter.code)
+    return np.asarray(np.clip(np.rint(reading / converter.lsb), -top, top - 1) * converter.lsb)
 
 
 def _fine_rate(converter: Converter) -> float:
@@ -255,6 +255,6 @@ def make_sense(sensor: Sensor, setup: Setup, motion: Motion, drive: Drive) -> Se
         sensor.full_scale,
         {name: np.asarray(jet.x) for name, jet in drive.axes.items()},
         drive.stop,
-        drive.rests,
+        drive.standstills,
         {name: np.broadcast_to(jet.v, motion.time.shape) for name, jet in drive.axes.items()},
     )

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 
 ARITHMETIC = 1e-9  # SI: standard deviation below which a recording counts as free of noise
 
@@ -74,7 +74,7 @@ def pooled_noise(residuals: Sequence[Array]) -> tuple[Array, float]:
     k = residuals[0].shape[1]
     dof = max(sum(len(r) - 1 for r in residuals), 1)
     covariance = sum((r.T @ r for r in residuals), np.zeros((k, k))) / dof
-    steps = np.array([code_width(residuals[0][:, i]) for i in range(k)])
+    steps = np.array([lsb_width(residuals[0][:, i]) for i in range(k)])
     floor = np.maximum(
         np.where(steps**2 / 12 < 1e-4 * np.diag(covariance), 0.0, steps**2 / 12), ARITHMETIC**2
     )

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.statistics.dwell_noise import ARITHMETIC
 
 FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])  # nothing is left of a cubic
@@ -47,7 +47,7 @@ def noise_growth(
     moving = stop < 0
     if min((state[alone, 0] < 0).sum(), (state[alone, 0] >= 0).sum()) < FEW:
         return None
-    least = max(code_width(values) / np.sqrt(12), ARITHMETIC) * np.sqrt(FOURTH @ FOURTH)
+    least = max(lsb_width(values) / np.sqrt(12), ARITHMETIC) * np.sqrt(FOURTH @ FOURTH)
     differences = (values - predicted)[:n].reshape(-1, size)[alone] @ FOURTH
     logarithms = np.log(np.maximum(np.abs(differences), least))
     rows = [np.column_stack([moving, moving * speed])]

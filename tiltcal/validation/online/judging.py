@@ -397,7 +397,7 @@ def judge(
     error = angle_between(np.column_stack([sine, third]), up)
     legs = scenario.schedule.legs
     which = scenario.schedule.leg_of(stamps)
-    kinds = np.array([KINDS[leg.law] for leg in legs])
+    kinds = np.array([KINDS[leg.profile] for leg in legs])
     sections = []
     for k in np.unique(which):
         e = error[which == k]

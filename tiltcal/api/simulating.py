@@ -6,7 +6,7 @@ from importlib.metadata import entry_points
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.progress import Progress, Rate, silent, told_pieces
+from tiltcal.core.progress import Progress, Rate, report_pieces, silent
 from tiltcal.effects import to_file
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.laboratory.laboratory import Laboratory, SimulatedLaboratory
@@ -70,7 +70,7 @@ def pieces_of(
         return iter([laboratory.predict(scenario, motion, seed)])
     if isinstance(laboratory, SimulatedLaboratory):
         pieces = laboratory.record_pieces(scenario, seed)
-        return told_pieces(pieces, _rows_of(scenario), progress)
+        return report_pieces(pieces, _rows_of(scenario), progress)
     return iter([laboratory.record(scenario, seed)])
 
 

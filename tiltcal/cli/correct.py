@@ -10,7 +10,7 @@ from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_note, progress_line, require_output, stdout_bytes
 from tiltcal.cli.verdict import print_verdict
-from tiltcal.core.progress import told_pieces
+from tiltcal.core.progress import report_pieces
 from tiltcal.recordings.csv_files import csv_writer
 from tiltcal.recordings.pieces import estimated_rows, read_pieces, writing
 
@@ -38,7 +38,7 @@ def correct(
     calibration = load_calibration(calibration_file)
     print_verdict(calibration)
     with progress_line() as progress:
-        pieces = told_pieces(read_pieces(recording), estimated_rows(recording), progress)
+        pieces = report_pieces(read_pieces(recording), estimated_rows(recording), progress)
         if output is None:
             with stdout_bytes() as out, csv_writer(out) as write:
                 done = correct_pieces(pieces, calibration, write)

@@ -12,7 +12,7 @@ from tiltcal.cli.options import Json, between
 from tiltcal.cli.output import print_json, print_note, progress_line
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.progress import Rate, told_each
+from tiltcal.core.progress import Rate, report_each
 from tiltcal.core.units import unit_sign
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
@@ -112,7 +112,7 @@ def film(
     with progress_line() as progress:
         rate = Rate(len(shown.labels), "pictures")
         pictures = stage().pictures(shown.setup, shown.drive, *FILM)
-        drawn = told_each(pictures, rate, progress)
+        drawn = report_each(pictures, rate, progress)
         count = write_film(output, drawn, *FILM, FILMED_HZ)
     _print_result(output, shown, count, as_json)
     return 0

@@ -14,7 +14,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.budget import require_within
-from tiltcal.core.progress import Progress, silent, told_pieces
+from tiltcal.core.progress import Progress, report_pieces, silent
 from tiltcal.core.quantisation import lsb_grid
 from tiltcal.core.units import split_unit
 from tiltcal.recordings.means_table import read_log_or_means
@@ -66,7 +66,7 @@ def read_averaged(path: Path | str, progress: Progress = silent) -> Recording:
     if spans is None:
         require_room(path)
         return read_log_or_means(path)
-    pieces = told_pieces(read_pieces(path), estimated_rows(path), progress)
+    pieces = report_pieces(read_pieces(path), estimated_rows(path), progress)
     return joined([averaged(piece, spans) for piece in whole_spans(pieces, spans)])
 
 

@@ -6,7 +6,7 @@ from builders import LATITUDE, G
 from pydantic import ValidationError
 
 from tiltcal.core.units import ARCSEC, G0
-from tiltcal.forward.signal_chain import coded, converted, fine_grid
+from tiltcal.forward.signal_chain import converted, fine_grid, quantise
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.sensor import Converter, Sensor
@@ -76,7 +76,7 @@ def test_a_delay_is_added_to_the_chain_s_own():
 def test_codes_are_whole_and_end_at_the_limits():
     values = np.array([[-100.0, 100.0], [0.4 * AD7705.lsb, 0.6 * AD7705.lsb]])
     np.testing.assert_allclose(
-        coded(AD7705, values) / AD7705.lsb, [[-32768, 32767], [0, 1]], atol=1e-9
+        quantise(AD7705, values) / AD7705.lsb, [[-32768, 32767], [0, 1]], atol=1e-9
     )
 
 

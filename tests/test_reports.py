@@ -105,7 +105,7 @@ def pages(good, remounted, tmp_path_factory):
 def write_block(path, scenario):
     """The report of a block whose words and rivals are markup."""
     limits = TableLimits(scenario.rig, dict.fromkeys(scenario.rig.axis_names, CIRCLE), 30.0, 3.0)
-    blocks = [replace(b, words=HOSTILE) for b in islice(candidates(limits), 3)]
+    blocks = [replace(b, description=HOSTILE) for b in islice(candidates(limits), 3)]
     pairs = (Pair(HOSTILE, "acc_K2", 30.0, 13.0), Pair("acc_K2", HOSTILE, 90.0, 13.0))
     proposals = tuple(BlockProposal(b, 1.0 + k, pairs) for k, b in enumerate(blocks))
     plan = NextBlock(proposals[0], HOSTILE, (HOSTILE,), proposals)

@@ -197,9 +197,9 @@ def test_a_step_that_says_too_little_or_nonsense_is_refused(step, message):
         (
             "handheld",
             {"action": "move", "outer_deg": 5},
-            "found table words, need rest, move with up, or turn",
+            "found options of a table, need rest, move with up, or turn",
         ),
-        ("handheld", {"action": "sweep"}, r"sequence step 1 \(sweep\): found table words"),
+        ("handheld", {"action": "sweep"}, r"sequence step 1 \(sweep\): found options of a table"),
         (
             "handheld",
             {"action": "turn", "axis": "outer", "angle_deg": 5},

@@ -215,7 +215,7 @@ def observed(
         asked: of the motors, and deviations of axes from their encoders that mechanics do not hold.
         states: of the joints, at the times of ``asked``, (n, joints).
         columns: joint name -> column of the states.
-        realised: addresses of the effects that the states hold.
+        realised: addresses of the effects that the states include.
     """
     parts = [np.asarray(part) for part in (states.x, states.v, states.a)]
     joints = {name: Jet(*(part[:, i] for part in parts)) for name, i in columns.items()}
@@ -238,7 +238,9 @@ def observed(
 def _readout(
     scenario: Scenario, asked: Drive, true: Mapping[str, Jet], errors: Sequence[Effect]
 ) -> dict[str, Jet]:
-    """What encoders say at true angles: a fixed point contracts by the errors' slope, < 1e-2."""
+    """Readout of the encoders at true angles: a fixed point contracts by the errors'
+    slope, < 1e-2.
+    """
     readout = dict(true)
     for _ in range(6 if errors else 0):
         found = true_angles(scenario, replace(asked, axes=readout), errors)
@@ -380,7 +382,7 @@ class Servos:
         return np.column_stack([np.asarray(goals[name].x) for name in self.names])
 
     def _balance(self) -> None:
-        """Start in equilibrium: servos and springs hold the weight. A fixed point contracts by m g
+        """Start in equilibrium: servos and springs carry the weight. A fixed point contracts by m g
         l / k.
         """
         model, data, rig = self.rig.model, self.data, self.rig

@@ -52,8 +52,8 @@ def require_inside(folder: Path, path: Path, text: str) -> Path:
 
 
 def check_files(main: Path, folder: Path) -> None:
-    """Every file that a model and its parts name lies in a folder; one that is missing is MuJoCo's
-    to say.
+    """Every file that a model and its parts name lies in a folder; MuJoCo reports one that is
+    missing.
 
     Raises:
         TiltcalError: one does not, or a part is no XML.

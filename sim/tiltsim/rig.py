@@ -32,7 +32,7 @@ from tiltcal.setup.tables import Table, bearing
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltsim.actuators import install_drives, install_rings
 
-LIGHT = 1e-4  # kg, and ten times the kg m2, of frames that only hold others
+LIGHT = 1e-4  # kg, and ten times the kg m2, of frames without geometry
 SMALLEST = 1e-6  # kg and kg m2: MuJoCo refuses a body that moves and has none
 
 
@@ -309,7 +309,7 @@ class RigBuilder:
         """Springs and gaps.
 
         Either way the mount's ballasts are no load for the table: ``light`` makes them tiny, else
-        counterweights hold them, as a table is trimmed for its payload.
+        counterweights balance them, as a table is trimmed for its payload.
         """
         springs = combined([m for m in mechanisms if isinstance(m, Spring)])
         self.lock_mount({spring.body for spring in springs})

@@ -44,7 +44,7 @@ from tiltcal.validation.campaign.results import Results, known_summary, write_re
 
 HEADER = ("method", "runs", "verdicts", "NEES/dof", "95 %", "tilt after, arcsec", "95 %", "bound")
 ALL_PARAMETERS = ("tilt_after_arcsec", "nees_per_dof")
-"""Results that hold all parameters together."""
+"""Results with all parameters together."""
 
 
 def print_summary(summary: dict[str, Any]) -> None:

@@ -105,7 +105,7 @@ def init(
     Without --from: a triad of accelerometers on a dual-axis table, six faces.
     With --from: sensors, units, rates, table and mounting by the columns and the
     numbers of a recording, with the reason of each and what it cannot know. On a
-    terminal it asks for what the recording does not say.
+    terminal it asks for what the recording does not state.
 
       tiltcal init -o bench.toml
       tiltcal init --from run.csv -o bench.toml
@@ -258,7 +258,7 @@ def _sensor(s: SensorGuess) -> list[str]:
 
 
 def _input_line(s: SensorGuess) -> str:
-    """How raw readings become SI; a comment to fill in where the recording does not say it."""
+    """How raw readings become SI; a comment to fill in where the recording does not state it."""
     if not s.zero:
         return (
             f'# input = {{ unit = "{s.unit}", zero = 0, per_m_s2 = 1000 }}   # fill in: value ='

@@ -116,7 +116,7 @@ def print_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None
 ) -> None:
     """Print a table on stdout that fits the terminal, or 80 columns (COLUMNS) in a pipe: long cells
-    are wrapped between words; where that does not suffice, each row is a list.
+    are wrapped at spaces; where that does not suffice, each row is a list.
     """
     from rich import box
     from rich.console import Console

@@ -75,7 +75,7 @@ def serve(
 
 
 async def _serve(server: Server, as_json: bool) -> int:
-    """Serve until a signal comes, and say which; none interrupts a callback of the loop."""
+    """Serve until a signal comes, and return it; none interrupts a callback of the loop."""
     loop = asyncio.get_running_loop()
     ended: asyncio.Future[int] = loop.create_future()
     for number in (signal.SIGINT, signal.SIGTERM):

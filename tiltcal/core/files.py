@@ -181,10 +181,10 @@ def make_folder(path: Path) -> Path:
 @contextmanager
 def claimed(folder: Path | None) -> Iterator[None]:
     """Hold a folder, made if there is none, so that no second run writes into it; a folder that
-    was made here and is still empty goes again. None: nothing to hold.
+    was made here and is still empty goes again. None: no lock.
 
-    The hold is one of the operating system on the folder itself: it leaves no file, and ends with
-    the process however that ends. Where the system has none, nothing is held.
+    The lock is one of the operating system on the folder itself: it leaves no file, and ends with
+    the process however that ends. Where the system has none, nothing is locked.
 
     Raises:
         TiltcalError: another run has claimed it, or it cannot be made.
@@ -205,7 +205,7 @@ def claimed(folder: Path | None) -> Iterator[None]:
 
 
 def _held(folder: Path) -> int | None:
-    """The folder opened and held."""
+    """The folder, opened and locked."""
     try:
         from fcntl import LOCK_EX, LOCK_NB, flock
     except ImportError:  # no file locks on this system

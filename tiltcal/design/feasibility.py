@@ -92,7 +92,7 @@ def _undetermined(problem: Problem, angles: Array) -> "np.ndarray[tuple[int], np
     flat = rows.reshape(-1, len(model.names))
     values, vectors = np.linalg.eigh(flat.T @ flat)
     seen = values > 1e-9 * values[-1]
-    # share of each parameter that lies on which the data have no information
+    # share of each parameter in directions without information
     left = 1 - (vectors[:, seen] ** 2).sum(axis=1)
     return np.flatnonzero((left > 1 - DETERMINED**2) & model.interest)
 

@@ -113,9 +113,11 @@ def harmonics(angles: Array) -> Array:
 def tabulate(
     still: Still, sensor: Sensor, effects: Sequence[Effect]
 ) -> tuple[PoseColumns, list[bool]]:
-    """The changes that effects make at their size, and of each whether these harmonics hold it.
+    """The changes that effects make at their size, and of each whether these harmonics represent
+    it.
 
-    What changes from one line of an encoder to the next they do not hold: no design can rely on it.
+    What changes from one line of an encoder to the next they do not represent: no design can rely
+    on it.
     """
     axes, k = len(still.axes), len(sensor.axes)
     if axes > MOST_AXES or not effects:
@@ -135,7 +137,7 @@ def tabulate(
 
 
 def _held(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> list[bool]:
-    """Of each effect, whether the harmonics hold its change along each axis alone."""
+    """Of each effect, whether the harmonics represent its change along each axis alone."""
     rng, axes = np.random.default_rng(0), len(still.axes)
     held = np.ones(len(effects), dtype=bool)
     for axis in range(axes if effects else 0):

@@ -15,7 +15,7 @@ from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.setup.trajectory import Drive
 
 Order = npt.NDArray[np.intp]
-# improved orders; random ones that say how much of an effect an order can show
+# improved orders; random ones that show how much of an effect an order can show
 STARTS, ORDERS = (
     6,
     24,

@@ -217,8 +217,8 @@ class NominalMotion:
         if len(positions) < 2 and None in positions:
             return cls(setup, course, time)
         parts = []
-        for about in positions:
-            own = tuple(s for s in setup.sensor if s.place == about)
+        for position in positions:
+            own = tuple(s for s in setup.sensor if s.place == position)
             parts.append(
                 cls(setup.seen_by(own[0]).model_copy(update={"sensor": own}), course, time)
             )

@@ -179,7 +179,7 @@ def _core(parent: ET.Element, c: Certificate) -> None:
     _identification(identifications, "other", c.digest, "SHA-256 of the calibration's data")
     _add(parent, "beginPerformanceDate", c.stated.date)
     _add(parent, "endPerformanceDate", c.stated.date)
-    # laboratory, customer ... or other: the recording does not say where it was made
+    # laboratory, customer ... or other: the recording does not state where it was made
     _add(parent, "performanceLocation", "other")
     if c.stated.issued:
         _add(parent, "issueDate", c.stated.issued)

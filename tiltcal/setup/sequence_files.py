@@ -18,7 +18,7 @@ from tiltcal.setup.sequence import Step, sliding_axes
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import FILE_AXES, angle_key, axis_names, length_key
 
-# all go to the angles of their row; a turn and a sweep say that the way there matters
+# all go to the angles of their row; for a turn and a sweep the path matters
 GOING = (
     "move",
     "turn",

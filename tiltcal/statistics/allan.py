@@ -1,6 +1,6 @@
 """Allan variance of a record at standstill: Q, N, B, K, R with their uncertainty, and which slopes
-the record does not hold. ``RunningAllan`` computes the deviation of a record that comes piece by
-piece, in memory that does not grow with it.
+the record does not determine. ``RunningAllan`` computes the deviation of a record that comes piece
+by piece, in memory that does not grow with it.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Where a campaign keeps its runs and writes what they say."""
+"""The folder of a campaign: its runs and its results."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence

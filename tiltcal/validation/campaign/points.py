@@ -49,7 +49,7 @@ class Point:
 def points_of(campaign: Campaign) -> Iterator[Point]:
     """All points in order.
 
-    Points of a grid share their seeds (common random numbers): their differences hold less noise
+    Points of a grid share their seeds (common random numbers): their differences have less noise
     than either. So do A and AB, which differ by one factor; B has seeds of its own, as
     the noise is one more factor that A and B do not share.
     """

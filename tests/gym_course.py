@@ -47,12 +47,12 @@ def driven(environment, rng, steps, seed):
     """The states and readings of an environment under random demands."""
     motion = environment.unwrapped.rigs.motion
     _, info = environment.reset(seed=seed)
-    states = [np.concatenate([motion.place, motion.rate, motion.acceleration])]
+    states = [np.concatenate([motion.position, motion.rate, motion.acceleration])]
     found = [info["readings"]]
     for step in range(steps):
         if step % 20 == 0:
             action = rng.uniform(-1, 1, environment.action_space.shape)
         _, _, _, _, info = environment.step(action.astype(np.float32))
-        states.append(np.concatenate([motion.place, motion.rate, motion.acceleration]))
+        states.append(np.concatenate([motion.position, motion.rate, motion.acceleration]))
         found.append(info["readings"])
     return np.array(states), {n: np.array([f[n] for f in found]) for n in found[0]}

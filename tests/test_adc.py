@@ -6,7 +6,7 @@ from builders import LATITUDE, G
 from pydantic import ValidationError
 
 from tiltcal.core.units import ARCSEC, G0
-from tiltcal.forward.signal_chain import coded, converted, fine_grid
+from tiltcal.forward.signal_chain import converted, fine_grid, quantise
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.sensor import Converter, Sensor
@@ -32,9 +32,9 @@ def gain_at(frequency, converter=AD7705, channel=0, delay=0.0):
 
 
 def test_the_code_is_that_of_the_paper_with_and_without_the_amplifier():
-    assert np.arcsin(AD7705.code / G0) / ARCSEC == pytest.approx(1.75, abs=0.005)
+    assert np.arcsin(AD7705.lsb / G0) / ARCSEC == pytest.approx(1.75, abs=0.005)
     bare = Converter(amplifier=1.0)
-    assert np.arcsin(bare.code / G0) / ARCSEC == pytest.approx(157, abs=0.5)
+    assert np.arcsin(bare.lsb / G0) / ARCSEC == pytest.approx(157, abs=0.5)
     # +- 15 deg fit, with a little room
     assert np.degrees(np.arcsin(AD7705.limit / G0)) == pytest.approx(16.1, abs=0.05)
 
@@ -74,9 +74,9 @@ def test_a_delay_is_added_to_the_chain_s_own():
 
 
 def test_codes_are_whole_and_end_at_the_limits():
-    values = np.array([[-100.0, 100.0], [0.4 * AD7705.code, 0.6 * AD7705.code]])
+    values = np.array([[-100.0, 100.0], [0.4 * AD7705.lsb, 0.6 * AD7705.lsb]])
     np.testing.assert_allclose(
-        coded(AD7705, values) / AD7705.code, [[-32768, 32767], [0, 1]], atol=1e-9
+        quantise(AD7705, values) / AD7705.lsb, [[-32768, 32767], [0, 1]], atol=1e-9
     )
 
 
@@ -118,7 +118,7 @@ def test_a_tilt_beyond_the_range_clips_at_the_limit_and_a_noisy_one_is_coded():
     )
     assert np.abs(steep.column("accel_x_m_s2")) == pytest.approx(AD7705.limit)
     noisy = SimulatedLaboratory().record(scenario({"id": "acc_noise", "white_ug_rthz": 11}), 3)
-    codes = noisy.column("accel_y_m_s2") / AD7705.code
+    codes = noisy.column("accel_y_m_s2") / AD7705.lsb
     assert np.abs(codes - np.rint(codes)).max() < 1e-6
     assert len(set(np.rint(codes))) > 5
 

@@ -276,7 +276,7 @@ def test_where_no_budget_can_be_evaluated_the_page_says_why(good, here, capsys):
     words += ["--method", "six_position"]
     assert main([*words, "--report", "o.html"]) in (0, 1)
     page = text_of((here / "o.html").read_text(encoding="utf-8"))
-    assert "Not evaluated: a note below says why." in page
+    assert "Not evaluated: a note below states the cause." in page
     assert "could not be evaluated: recording means.csv: found no column table_outer" in page
     assert "noise of the record only (type A)" in page
     capsys.readouterr()

@@ -60,7 +60,7 @@ WISHES = {
         ["--angles", "middle=0:90"],
         ("--angles middle=0:90", "outer, inner"),
     ),
-    "angles without the start": (["--angles", "outer=10:90"], ("10 to 90 deg", "holds 0")),
+    "angles without the start": (["--angles", "outer=10:90"], ("10 to 90 deg", "includes 0")),
     "a negative rate": (["--rate-deg-s", "-1"], ("rate",)),
     "a negative settling": (["--settle-s", "-1"], ("settling",)),
     "dwells exchanged": (["--dwell-s", "60", "5"], ("longest 5 s, shortest 60 s",)),

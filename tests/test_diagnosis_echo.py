@@ -31,7 +31,7 @@ def even(count=30):
 
 def since_arrival(scenario, time):
     """Time since the table came to rest, s, 0 while it moves: as it was asked to."""
-    return scenario.schedule.rests().since(time)
+    return scenario.schedule.standstills().since(time)
 
 
 def test_the_time_since_a_move_is_told_to_a_part_of_a_sample():
@@ -39,7 +39,7 @@ def test_the_time_since_a_move_is_told_to_a_part_of_a_sample():
     whole = recorded(truth, 3)
     true, told = (
         since_arrival(truth, whole.time),
-        replay(whole, honest(truth)).rests.since(whole.time),
+        replay(whole, honest(truth)).standstills.since(whole.time),
     )
     both = (true > 0) & (told > 0)
     assert np.sum((true > 0) != (told > 0)) <= 2 * 30  # a row at each end of a rest
@@ -50,7 +50,7 @@ def test_when_a_move_begins_is_told_to_a_part_of_a_sample():
     """What counts moves changes there."""
     truth = even()
     whole = recorded(truth, 3)
-    true, told = truth.schedule.rests(), replay(whole, honest(truth)).rests
+    true, told = truth.schedule.standstills(), replay(whole, honest(truth)).standstills
     assert np.abs(told.end[:-1] - true.end[:-1]).max() < 0.2 / 25.0  # a fifth of a sample
     np.testing.assert_array_equal(told.moves(true.begin + 0.5), np.arange(31))
     # amid the last of it

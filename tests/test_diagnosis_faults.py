@@ -30,7 +30,7 @@ from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.statistics.dwell_noise import white_at_rest
+from tiltcal.statistics.dwell_noise import white_at_standstill
 
 
 def x_of(recording):
@@ -268,7 +268,7 @@ def test_readings_weigh_less_by_the_error_of_a_cut_readout(truth, sound):
     of_x, of_y, of_z = found.observations.channels
     rest = of_x.stop >= 0
     error = of_y.values * np.radians(0.05) / np.sqrt(12)
-    expected = np.hypot(1, error / white_at_rest(of_x.values, of_x.stop))
+    expected = np.hypot(1, error / white_at_standstill(of_x.values, of_x.stop))
     assert expected[rest].max() > 1.5
     np.testing.assert_allclose(of_x.spread[rest], expected[rest], rtol=0.02)
     assert of_z.spread is None

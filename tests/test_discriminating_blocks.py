@@ -1,5 +1,5 @@
 """Blocks that tell alternatives apart: what they should bring is what they bring, and what none can
-bring is said.
+bring is describe_block.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ from tests.statistics_helpers import seed_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.tasks.engines import open_engine
 from tiltcal.core.units import G0
-from tiltcal.design.recording_blocks import Block, TableLimits, candidates, said
+from tiltcal.design.recording_blocks import Block, TableLimits, candidates, describe_block
 from tiltcal.diagnosis.investigation.discriminating_blocks import (
     ENOUGH,
     Pair,
@@ -221,7 +221,7 @@ def test_too_few_poses_ask_for_more() -> None:
         known, [recording], {"verdict": "cannot_tell", "findings": []}, amended, Limits(), silent
     )
     assert plan.proposal is not None
-    assert plan.proposal.block.words == said("reverse", "outer")
+    assert plan.proposal.block.description == describe_block("reverse", "outer")
     assert "no spare readings" in plan.statement
     assert plan.to_json()["confidence"] == 0.0
     plan = next_block(

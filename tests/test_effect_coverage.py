@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tiltcal.core.assets import folder
-from tiltcal.design.identifiability import nearest_rivals
+from tiltcal.design.identifiability import most_similar_effects
 from tiltcal.effects import CATALOGUE
 
 
@@ -46,6 +46,6 @@ def test_every_effect_has_a_residual_to_show(id):
 
 
 def test_the_rivals_of_sag_are_those_of_its_shape():
-    rivals = dict(nearest_rivals("table_sag"))
+    rivals = dict(most_similar_effects("table_sag"))
     assert {"table_encoder_eccentricity", "table_unbalance"} & set(rivals)
     assert all(0 <= cosine <= 1 for cosine in rivals.values())

@@ -7,7 +7,7 @@ import pytest
 from builders import INSTRUMENT, setup_of
 from catalogue_cases import plausible, sensors_for
 
-from tiltcal.design.recording_blocks import WORDS
+from tiltcal.design.recording_blocks import DESCRIPTIONS
 from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import SignalEffect, TermEffect
@@ -210,7 +210,7 @@ def test_wording_is_plain(cls):
 def test_twins_are_told_apart_by_a_block_or_a_phrase_said_once(cls):
     for other, words in cls.distinguished_by.items():
         assert cls.id not in CATALOGUE[other].distinguished_by
-        assert words in WORDS or (" " in words and not words.endswith("."))
+        assert words in DESCRIPTIONS or (" " in words and not words.endswith("."))
 
 
 # ---------------------------------------------------------------------------------- from elsewhere

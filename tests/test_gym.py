@@ -18,7 +18,7 @@ from tiltcal.design.gradient_search import Problem
 from tiltcal.design.gym.calibrations import Bench, Task
 from tiltcal.design.gym.policies import BASELINES, following, greedy, named, rollout
 from tiltcal.design.gym.spaces import DWELLS, action_of, menu, pose_of
-from tiltcal.design.gym.training import START, law, train
+from tiltcal.design.gym.training import START, linear_policy, train
 from tiltcal.design.gym.wrappers import StepAngles, WithinAngles
 from tiltcal.design.polynomial import KINDS, textbook_model
 
@@ -173,7 +173,7 @@ def test_greedy_takes_the_most_nats_a_second_from_the_menu():
 def test_training_without_deep_learning_improves_on_where_it_began():
     task = Task()
     trained = train(task, generations=12, population=64, elite=8, seed=3)
-    began = rollout(law(START[None]), task)[0]
+    began = rollout(linear_policy(START[None]), task)[0]
     assert rollout(trained, task)[0] == pytest.approx(max(trained.history), abs=1e-6)
     assert max(trained.history) > began + 0.5
 

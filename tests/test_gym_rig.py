@@ -234,11 +234,11 @@ def test_axes_reach_their_rate_in_two_steps_and_stop_before_their_limits():
         if step % 30 == 0:
             demand = rng.uniform(-2, 2, (64, 2))
         motion.move(demand, everyone)
-        assert (motion.place[:, 0] <= 30 * DEG).all()
-        assert (motion.place[:, 0] >= -20 * DEG).all()
+        assert (motion.position[:, 0] <= 30 * DEG).all()
+        assert (motion.position[:, 0] >= -20 * DEG).all()
         assert np.abs(motion.rate).max() <= 100 * DEG * (1 + 1e-12)
         assert np.abs(motion.acceleration).max() <= 100 * DEG * (1 + 1e-12)
-    assert np.ptp(motion.place[:, 0]) > 40 * DEG
+    assert np.ptp(motion.position[:, 0]) > 40 * DEG
 
 
 @pytest.mark.parametrize(

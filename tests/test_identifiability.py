@@ -227,7 +227,9 @@ dwell_s = 3
     # a constant on y: one with its bias
     assert sights["table_levelling.tilt_east"].absorbed > 0.999
     assert np.isinf(sights["gravity_magnitude.gravity_error"].detectable)
-    assert "table_encoder_eccentricity[outer].sin" in dict(sights["table_sag[outer].sag"].rivals)
+    assert "table_encoder_eccentricity[outer].sin" in dict(
+        sights["table_sag[outer].sag"].alternatives
+    )
     assert any({"table_sag", "table_encoder_eccentricity"} <= set(g) for g in classes(found))
     assert "payload" in tie_breaker("table_sag", "table_encoder_eccentricity")
     assert 0 < sights["acc_K2[accel].k2_x"].detectable < 500

@@ -158,7 +158,7 @@ def test_rates_and_accelerations_of_a_leg_are_the_derivatives_of_its_angle(leg):
 @pytest.mark.parametrize("leg", LEGS.values(), ids=LEGS.keys())
 def test_a_leg_starts_and_ends_at_rest_and_covers_its_whole_way(leg):
     ends = leg.progress(np.array([leg.t0, leg.t1]))
-    np.testing.assert_allclose(ends.x, [0, 1 if leg.law == "ramp" else 0], atol=1e-15)
+    np.testing.assert_allclose(ends.x, [0, 1 if leg.profile == "ramp" else 0], atol=1e-15)
     np.testing.assert_allclose(ends.v, 0, atol=1e-14)
     np.testing.assert_allclose(ends.a, 0, atol=1e-12)
 
@@ -250,7 +250,7 @@ def test_the_force_of_a_hand_held_lever_arm_is_the_second_derivative_of_its_path
 
 def test_moving_to_an_up_direction_brings_it_up():
     setup, schedule = by_hand()
-    (move,) = [leg for leg in schedule.legs if leg.label == "-z" and leg.law == "ramp"]
+    (move,) = [leg for leg in schedule.legs if leg.label == "-z" and leg.profile == "ramp"]
     np.testing.assert_allclose(
         closed_form(setup, schedule.drive(np.array([0.0, move.t1 - 1e-9]))).up,
         [[0, 0, 1], [0, 0, -1]],

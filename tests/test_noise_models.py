@@ -7,7 +7,7 @@ from diagnosis_fixtures import bench, honest, recorded
 from scipy.signal import lfilter
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.statistics.dwell_noise import white_at_rest
+from tiltcal.statistics.dwell_noise import white_at_standstill
 from tiltcal.statistics.noise_spectrum import (
     CONFIDENCE,
     LEAST_WHITE,
@@ -122,4 +122,4 @@ def test_noise_at_rest_is_that_of_the_stops_whatever_their_levels(rng):
     stop = np.repeat(np.arange(36), 100)
     stop[np.arange(len(stop)) % 100 > 80] = -1
     values = rng.uniform(-10, 10, 36)[np.maximum(stop, 0)] + 5e-4 * rng.standard_normal(len(stop))
-    assert white_at_rest(values, stop) == pytest.approx(5e-4, rel=0.1)
+    assert white_at_standstill(values, stop) == pytest.approx(5e-4, rel=0.1)

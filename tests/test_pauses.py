@@ -52,7 +52,7 @@ def test_a_move_that_the_log_interrupts_keeps_its_own_rate(start, end, rng):
     # one-sided windows of 5 rows tell a rate to a few times noise / step
     assert np.abs(rate - truth)[beside].max() < 30 * NOISE_DEG / STEP
     begun = np.array([begin for begin, *_ in MOVES if not start < begin < end])
-    told = found.rests.end[np.isfinite(found.rests.end)]
+    told = found.standstills.end[np.isfinite(found.standstills.end)]
     assert all(np.abs(told - instant).min() < 0.3 for instant in begun)
 
 

@@ -55,7 +55,7 @@ def test_each_scheme_tells_the_terms_it_is_for():
 def test_every_table_turns_up_what_the_scheme_says_and_labels_it(scheme, table, mount):
     setup = setup_of(table, ACCEL, mount=mount)
     schedule = build_schedule([Step(action="scheme", scheme=scheme, dwell_s=2)], setup.rig)
-    rests = [leg for leg in schedule.legs if leg.law == "rest"]
+    rests = [leg for leg in schedule.legs if leg.profile == "rest"]
     drive = schedule.drive(np.array([(leg.t0 + leg.t1) / 2 for leg in rests]))
     up = closed_form(setup, drive).up
     expected = directions(scheme)
@@ -68,7 +68,7 @@ def test_every_table_turns_up_what_the_scheme_says_and_labels_it(scheme, table, 
 
 def test_twenty_four_positions_have_four_headings_on_three_axes():
     schedule = build_schedule([Step(action="scheme", scheme="24", dwell_s=1)], Rig(table="three"))
-    rests = [leg for leg in schedule.legs if leg.law == "rest"]
+    rests = [leg for leg in schedule.legs if leg.profile == "rest"]
     assert {round(float(np.degrees(leg.q0[0]))) for leg in rests} == {0, 90, 180, 270}
 
 

@@ -2,7 +2,14 @@
 
 import pytest
 
-from tiltcal.design.recording_blocks import REMOUNT, WORDS, TableLimits, candidates, said, within
+from tiltcal.design.recording_blocks import (
+    DESCRIPTIONS,
+    REMOUNT,
+    TableLimits,
+    candidates,
+    describe_block,
+    within,
+)
 from tiltcal.setup.sequence_files import sequence_text
 from tiltcal.setup.setup import Rig
 
@@ -22,7 +29,7 @@ def test_every_block_can_be_written_for_its_table(kind: str) -> None:
     for block in blocks:
         assert sequence_text(block.steps, table.rig)
         assert 20 < block.seconds(table.rig) < 600
-        assert "{" not in block.words
+        assert "{" not in block.description
 
 
 def test_a_narrow_reach_is_kept_by_the_blocks_that_are_left() -> None:
@@ -69,8 +76,8 @@ def test_two_blocks_after_one_another_cost_what_both_cost_and_the_way_between() 
 def test_the_words_of_a_tie_breaker_are_those_of_a_block() -> None:
     from tiltcal.design.identifiability import tie_breaker
 
-    assert tie_breaker("table_backlash", "table_encoder_2rev") == said("reverse")
-    assert tie_breaker("acc_K2", "acc_K3") == said("tumble")
-    assert tie_breaker("table_encoder_eccentricity", "acc_K3") == said("remount")
-    assert tie_breaker("data_latency", "acc_bandwidth") == said("ramp")
-    assert "{" not in "".join(said(kind) for kind in WORDS)
+    assert tie_breaker("table_backlash", "table_encoder_2rev") == describe_block("reverse")
+    assert tie_breaker("acc_K2", "acc_K3") == describe_block("tumble")
+    assert tie_breaker("table_encoder_eccentricity", "acc_K3") == describe_block("remount")
+    assert tie_breaker("data_latency", "acc_bandwidth") == describe_block("ramp")
+    assert "{" not in "".join(describe_block(kind) for kind in DESCRIPTIONS)

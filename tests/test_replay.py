@@ -248,6 +248,6 @@ def test_the_end_of_a_slow_approach_is_told_though_it_hides_in_the_noise(rng):
         setup_of("placing", ACCEL),
     )
     middle = np.abs(time % 12.0 - 10.0) < 0.02
-    late = course.rests.since(time)[middle] - (time[middle] % 12.0 - 4.0)
+    late = course.standstills.since(time)[middle] - (time[middle] % 12.0 - 4.0)
     assert len(late) == 30
     assert np.sqrt(np.mean(late**2)) < 0.04 / 5

@@ -31,7 +31,7 @@ from tiltcal.effects.base import AngleEffect, FrameEffect
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.report.certificate import certificate_page, make_certificate
 from tiltcal.report.design import write_separating_block
-from tiltcal.report.diagnosis import law_plots, lead, spectrum_plot, write_diagnosis
+from tiltcal.report.diagnosis import curve_plots, lead, spectrum_plot, write_diagnosis
 from tiltcal.report.investigation import write_investigation
 from tiltcal.report.poses import poses_of, poses_of_steps
 from tiltcal.report.stated import Stated
@@ -105,7 +105,7 @@ def pages(good, remounted, tmp_path_factory):
 def write_block(path, scenario):
     """The report of a block whose words and rivals are markup."""
     limits = TableLimits(scenario.rig, dict.fromkeys(scenario.rig.axis_names, CIRCLE), 30.0, 3.0)
-    blocks = [replace(b, words=HOSTILE) for b in islice(candidates(limits), 3)]
+    blocks = [replace(b, description=HOSTILE) for b in islice(candidates(limits), 3)]
     pairs = (Pair(HOSTILE, "acc_K2", 30.0, 13.0), Pair("acc_K2", HOSTILE, 90.0, 13.0))
     proposals = tuple(BlockProposal(b, 1.0 + k, pairs) for k, b in enumerate(blocks))
     plan = NextBlock(proposals[0], HOSTILE, (HOSTILE,), proposals)
@@ -258,10 +258,10 @@ def test_the_lead_of_a_diagnosis_names_effect_place_and_size(remounted):
 def test_a_law_that_is_the_same_throughout_says_its_size(remounted):
     (finding,) = remounted[0].findings
     law = next(law for law in finding.laws if law.subject == "accel.x")
-    (varied, *_) = law_plots(replace(finding, laws=(law,)))
+    (varied, *_) = curve_plots(replace(finding, laws=(law,)))
     assert f"{np.ptp(law.law):.3g} µg from lowest to highest" in varied.caption
     step = np.full_like(law.law, -400.0)
-    (same, *_) = law_plots(replace(finding, laws=(replace(law, law=step, leading=step),)))
+    (same, *_) = curve_plots(replace(finding, laws=(replace(law, law=step, leading=step),)))
     assert same.caption.endswith("-400 µg throughout.")
 
 

@@ -11,7 +11,7 @@ from tiltcal.setup.sensor import Converter
 from tiltcal.statistics.robust_location import ESTIMATORS, locations
 
 FAMILY, N, SIGMA = 1e-3, 200, 50e-6 * G0
-CODE = Converter().code
+CODE = Converter().lsb
 NONE = np.zeros(2)
 
 

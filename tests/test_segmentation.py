@@ -60,7 +60,7 @@ def truly(schedule):
     """(start, end) of each true dwell; rests that touch are one."""
     groups = (
         list(group)
-        for rest, group in groupby(schedule.legs, key=lambda leg: leg.law == "rest")
+        for rest, group in groupby(schedule.legs, key=lambda leg: leg.profile == "rest")
         if rest
     )
     return [(group[0].t0, group[-1].t1) for group in groups]

@@ -53,7 +53,7 @@ def test_a_turn_counts_from_where_the_table_stands():
 
 def test_a_sweep_stops_at_every_step_its_start_included():
     schedule = course("placing", {"action": "sweep", "outer_deg": 90, "step_deg": 30, "dwell_s": 1})
-    stops = [leg for leg in schedule.legs if leg.law == "rest"]
+    stops = [leg for leg in schedule.legs if leg.profile == "rest"]
     assert [leg.q0[0] / DEG for leg in stops] == pytest.approx([0, 30, 60, 90])
     assert [leg.stop for leg in stops] == [0, 1, 2, 3]
 
@@ -64,7 +64,7 @@ def test_a_sweep_back_does_not_stop_twice_at_its_start_and_uneven_steps_become_e
         {"action": "sweep", "outer_deg": 90, "step_deg": 45, "dwell_s": 1},
         {"action": "sweep", "outer_deg": 0, "step_deg": 40, "dwell_s": 1},
     )
-    assert [leg.q0[0] / DEG for leg in schedule.legs if leg.law == "rest"] == pytest.approx(
+    assert [leg.q0[0] / DEG for leg in schedule.legs if leg.profile == "rest"] == pytest.approx(
         [0, 45, 90, 60, 30, 0]
     )
 
@@ -114,7 +114,9 @@ def test_a_hand_held_step_dwells_as_long_as_it_says_and_once():
         {"action": "rest", "dwell_s": 3},
         {"action": "turn", "axis": "x", "angle_deg": 90, "dwell_s": 2},
     )
-    assert [leg.t1 - leg.t0 for leg in schedule.legs if leg.law == "rest"] == pytest.approx([3, 2])
+    assert [leg.t1 - leg.t0 for leg in schedule.legs if leg.profile == "rest"] == pytest.approx(
+        [3, 2]
+    )
 
 
 def test_a_hand_held_turn_about_a_body_axis_and_a_move_to_up():
@@ -195,9 +197,9 @@ def test_a_step_that_says_too_little_or_nonsense_is_refused(step, message):
         (
             "handheld",
             {"action": "move", "outer_deg": 5},
-            "found table words, need rest, move with up, or turn",
+            "found options of a table, need rest, move with up, or turn",
         ),
-        ("handheld", {"action": "sweep"}, r"sequence step 1 \(sweep\): found table words"),
+        ("handheld", {"action": "sweep"}, r"sequence step 1 \(sweep\): found options of a table"),
         (
             "handheld",
             {"action": "turn", "axis": "outer", "angle_deg": 5},

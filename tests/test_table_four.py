@@ -81,7 +81,7 @@ def test_what_follows_from_the_axes():
 def test_a_scheme_turns_every_direction_up_with_the_head_at_zero():
     setup = setup_of("four", ACCEL)
     schedule = schedule_of(setup, {"action": "scheme", "scheme": "24", "dwell_s": 1.0})
-    ends = [leg for leg in schedule.legs if leg.law == "rest"]
+    ends = [leg for leg in schedule.legs if leg.profile == "rest"]
     drive = schedule.drive(np.array([leg.t0 + 0.5 for leg in ends]))
     up = closed_form(setup, drive).up
     faces = np.array([sign * e for e in np.eye(3) for sign in (1.0, -1.0)])

@@ -89,7 +89,7 @@ def test_poses_on_the_sphere_are_where_gravity_points(good):
     np.testing.assert_allclose(np.sort(down.sum(axis=1)), [-1, -1, -1, 1, 1, 1], atol=1e-3)
     assert "outer 90" in data["text"][1]
     scene = stage().scene(scenario, drive_of(poses, scenario))
-    shown = json.loads(table_plot(scene, [p.place for p in poses]).to_json())
+    shown = json.loads(table_plot(scene, [p.angles_and_time for p in poses]).to_json())
     assert len(shown["frames"]) == 6
     assert sphere_plot([]) is None
 

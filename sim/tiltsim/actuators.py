@@ -1,24 +1,19 @@
-"""Faces of the drive and of what rings, for runs by time steps.
+"""Mechanics of the drive and of ringing structures, for runs by time steps.
 
 Effects state what the servo of stiffness kp lets through, as angles; here they become torques on
 the joint:
 
-==============  =====================================
-==========================================================
-friction        dry friction kp short                  the axis rests ``short`` of the command
-lag             damping kp tau, the bearing's in it    a ramp is followed ``tau`` late
-ballast         weight x arm = kp droop                the servo gives way by droop sin(angle)
-cable           stiffness -kp pull / (1 + pull)        kp (c - q) = k q: q = c (1 + pull)
-cogging         kp size sin(n q)                       q = c + size sin(n q), where the servo
-follows: n rate tau << 1
-ring            a hinge with the inertia behind it     let go at the end of a move, it rings
-==============  =====================================
-==========================================================
+- Friction: dry friction kp short; the axis stops ``short`` of the command.
+- Lag: damping kp tau, the bearing's in it; a ramp is followed with the lag ``tau``.
+- Ballast: weight x arm = kp droop; the servo gives way by droop sin(angle).
+- Cable: stiffness -kp pull / (1 + pull); kp (c - q) = k q gives q = c (1 + pull).
+- Cogging: kp size sin(n q); q = c + size sin(n q), where the servo follows: n rate tau << 1.
+- Ring: a hinge with the inertia behind it; released at the end of a move, it rings.
 
 A ring is the mechanics of one hinge. Each move winds it up, slowly at first, to the stated size,
 and lets go as it stops: A exp(-t/tau) (cos wt + sin(wt) / (w tau)), the closed form but for the
-release from rest. Like any structure it also bends by -acceleration / w^2 while the table speeds
-up; its weight is trimmed, sag is an effect of its own.
+release from standstill. Like any structure it also bends by -acceleration / w^2 while the table
+speeds up; its weight is trimmed, sag is an effect of its own.
 """
 
 from collections.abc import Sequence
@@ -36,8 +31,12 @@ INNER = 1e-5  # kg m2, of a ring's hinge itself, which keeps two hinges of one b
 
 
 def install_drives(spec: "mujoco.MjSpec", mechanisms: Sequence[Mechanism], gravity: float) -> None:
-    """Friction, damping, ballasts and cables of the servos, whose stiffness is already what it will
-    be. gravity: m/s2.
+    """Friction, damping, ballasts and cables of the servos, whose stiffness is already final.
+
+    Args:
+        spec: model to change.
+        mechanisms: drives and what bears them.
+        gravity: m/s2.
     """
     for servo in spec.actuators:
         joint, kp = spec.joint(servo.name), float(servo.gainprm[0])
@@ -92,8 +91,8 @@ def tune(model: "mujoco.MjModel", data: "mujoco.MjData", rings: Sequence[Ring]) 
 
     A mode z^n of the integrator, whose damping is implicit, obeys D(z) q = 0 with D = M (z - 1)^2 /
     (z dt^2) + C (z - 1) / dt + K; so the ring's own k + c (z - 1) / dt is minus the Schur
-    complement of the rest. A ring that its servo damps faster than stated keeps no damping of its
-    own.
+    complement of the other coordinates. A ring that its servo damps faster than stated keeps no
+    damping of its own.
 
     Raises:
         TiltcalError: the servo is too soft to let it ring like that.
@@ -103,7 +102,7 @@ def tune(model: "mujoco.MjModel", data: "mujoco.MjData", rings: Sequence[Ring]) 
     mujoco.mj_fullM(model, data, inertia)
     axes = [int(model.joint(model.actuator(i).name).dofadr[0]) for i in range(model.nu)]
     dt = float(model.opt.timestep)
-    # a load with play, at rest
+    # a load with play, at standstill
     held = {i for i in range(model.nv) if model.joint(i).name.endswith("_gap")}
     # each by itself: equal ones would be one mode
     held |= {int(model.joint(ring.joint).dofadr[0]) for ring in rings}
@@ -165,7 +164,9 @@ class Torques:
 
     def plan(self, time: Array) -> None:
         """The torques that do not depend on the state, at the instants of the next steps, (n,).
-        time: s.
+
+        Args:
+            time: s.
         """
         if self.rings:
             self.wound = winding(self.schedule, time)[:, None] * self.hold
@@ -181,8 +182,12 @@ class Torques:
 
 
 def winding(schedule: Schedule, time: Array) -> Array:
-    """0 at rest; 0 to 1 in the course of each motion between two stops, with continuous
-    acceleration, (n,). time: s.
+    """0 at standstill; 0 to 1 in the course of each motion between two stops, with continuous
+    acceleration, (n,).
+
+    Args:
+        schedule: motion of the axes.
+        time: s.
     """
     legs = schedule.legs
     which = np.asarray(schedule.leg_of(time))

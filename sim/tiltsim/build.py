@@ -22,7 +22,7 @@ RESOLVED = (
 
 
 def readout_errors(effects: Sequence[Effect]) -> list[Effect]:
-    """The effects that make an encoder, on which its axis' loop is closed, say something else than
+    """The effects that make an encoder, on which its axis' loop is closed, read something else than
     where the axis is.
     """
     return [e for e in effects if isinstance(e, ReadoutError) and not e.is_identity]
@@ -41,7 +41,7 @@ def mechanisms_of(scenario: Scenario, effects: Sequence[Effect]) -> tuple[Mechan
 def realised(
     scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence[Mechanism]
 ) -> tuple[str, ...]:
-    """Addresses of the effects that these mechanisms hold whole; springs are not among them, the
+    """Addresses of the effects that these mechanisms include whole; springs are not among them, the
     reader knows their joints.
     """
     gravity, whole, missing = world_of(scenario, effects).gravity, [], set()

@@ -59,7 +59,8 @@ class Log:
 
     Args:
         time: s, (n,).
-        x: positions as in qpos, (n, nq); v, a: rates and accelerations as in qvel, (n, nv).
+        x: positions as in qpos, (n, nq).
+        v, a: rates and accelerations as in qvel, (n, nv).
     """
 
     time: Array
@@ -84,10 +85,13 @@ class Log:
 
     def attitude(self, time: Array) -> Attitude:
         """Attitude of a free body at these times: that of the row before, then a small rotation
-        vector u. time: s, (n,).
+        vector u.
 
         Its body rate is w = u' - u x u' / 2 + u x (u x u') / 6 (Bortz), so that u' = w + u x w / 2
         + ...
+
+        Args:
+            time: s, (n,).
         """
         from scipy.spatial.transform import Rotation
 
@@ -127,7 +131,7 @@ BLOCK = 4096  # steps planned and logged at once
 ROWS = 2_000_000  # of a log, at most: 0.2 GB with four joints
 CHUNK = 64  # rows of which one is kept when nothing accelerates
 QUIET = 1e-7  # rad/s2
-HAND = 2 * np.pi * 5.0  # rad/s, natural frequency of a hand that holds an instrument
+HAND = 2 * np.pi * 5.0  # rad/s, natural frequency of a hand with an instrument
 TREMOR = 3.0  # Hz, corner of a hand's irregular torque
 
 
@@ -176,7 +180,7 @@ class DynamicCourse:
         scenario: that was run.
         log: of its joints.
         columns: joint name -> column of the log.
-        realised: addresses of the effects that the log holds.
+        realised: addresses of the effects that the log includes.
     """
 
     scenario: Scenario
@@ -211,7 +215,7 @@ def observed(
         asked: of the motors, and deviations of axes from their encoders that mechanics do not hold.
         states: of the joints, at the times of ``asked``, (n, joints).
         columns: joint name -> column of the states.
-        realised: addresses of the effects that the states hold.
+        realised: addresses of the effects that the states include.
     """
     parts = [np.asarray(part) for part in (states.x, states.v, states.a)]
     joints = {name: Jet(*(part[:, i] for part in parts)) for name, i in columns.items()}
@@ -234,7 +238,9 @@ def observed(
 def _readout(
     scenario: Scenario, asked: Drive, true: Mapping[str, Jet], errors: Sequence[Effect]
 ) -> dict[str, Jet]:
-    """What encoders say at true angles: a fixed point contracts by the errors' slope, < 1e-2."""
+    """Readout of the encoders at true angles: a fixed point contracts by the errors'
+    slope, < 1e-2.
+    """
     readout = dict(true)
     for _ in range(6 if errors else 0):
         found = true_angles(scenario, replace(asked, axes=readout), errors)
@@ -376,7 +382,7 @@ class Servos:
         return np.column_stack([np.asarray(goals[name].x) for name in self.names])
 
     def _balance(self) -> None:
-        """Start in equilibrium: servos and springs hold the weight. A fixed point contracts by m g
+        """Start in equilibrium: servos and springs carry the weight. A fixed point contracts by m g
         l / k.
         """
         model, data, rig = self.rig.model, self.data, self.rig
@@ -459,8 +465,10 @@ class _Hand:
             self.known = self.known + effort * self.tremor.draw(self.rng, len(time))
 
     def _effort(self, time: Array, attitude: Attitude) -> Array:
-        """Rate as a share of its leg's highest, (n,): 0 at rest, so that nothing moves there."""
-        moves = [e if e.law == "ramp" else None for e in self.schedule.legs]
+        """Rate as a share of its leg's highest, (n,): 0 at standstill, so that nothing
+        moves there.
+        """
+        moves = [e if e.profile == "ramp" else None for e in self.schedule.legs]
         peaks = np.array(
             [1.0 if e is None else np.linalg.norm(e.dq) / (e.t1 - e.t0 - e.ramp) for e in moves]
         )

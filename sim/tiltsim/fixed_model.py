@@ -65,7 +65,7 @@ class Reference:
         axes = {link.axis: ModelAxis(**{k: getattr(link, k) for k in stated}) for link in rig.link}
         text = ModelWords(mjcf=rig.model, axes=axes, site=rig.site)
         reader = ModelReader(spec.compile(), text, f"model {rig.model}")
-        reader.place(rig.site)
+        reader.frame_of(rig.site)
         return cls(reader.model, tuple(reader.axes), rig.site, reader.base_moment())
 
     def pose(self, body: int) -> tuple[Array, Array]:
@@ -78,7 +78,7 @@ class Reference:
 def build_in(
     spec: "mujoco.MjSpec", reference: Reference, setup: Setup, effects: Sequence[Effect]
 ) -> dict[str, float]:
-    """Build effects into a model, in place.
+    """Build effects into a model.
 
     Args:
         spec: the user's model, as ``reference`` was compiled from it.
@@ -220,7 +220,7 @@ def _root(reference: Reference) -> int:
 def _hinge_before(body: Any, before: Any, name: str) -> Any:
     """A new hinge of a body, before one of its joints (None: it has none).
 
-    MjSpec appends: the new joint takes the place of that one, and each later one moves up.
+    MjSpec appends: the new joint takes the position of that one, and each later one moves up.
     """
     kind, free = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtLimited.mjLIMITED_FALSE
     new = body.add_joint(name=name, type=kind, limited=free)
@@ -245,11 +245,11 @@ _STATE = (
     *("actfrclimited", "actfrcrange", "actgravcomp"),
     *("solref_limit", "solimp_limit", "solref_friction", "solimp_friction"),
 )
-"""What a joint is, as MjSpec holds it."""
+"""Properties of a joint in MjSpec."""
 
 
 def _state(joint: Any) -> dict[str, Any]:
-    """Everything that a joint is, copied."""
+    """All properties of a joint, copied."""
     found = {key: getattr(joint, key) for key in _STATE}
     return {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in found.items()}
 
@@ -261,7 +261,7 @@ def _orientation(item: Any, compiled: Array) -> Array:
 
 
 def _orient(item: Any, R: Array) -> None:
-    """Give a body or site a frame in its parent, whatever words its file has for it."""
+    """Give a body or site a frame in its parent, whatever orientation its file states."""
     item.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
     item.quat = quaternion(R)
 

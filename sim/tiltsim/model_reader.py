@@ -1,4 +1,5 @@
-"""A user's own MJCF or URDF as links: joint axes, fixed frames, masses, and the instrument's place.
+"""A user's own MJCF or URDF as links: joint axes, fixed frames, masses, and the position of the
+instrument.
 
 MuJoCo compiles the file, so that whatever it loads is read. Joints that no readout is mapped to
 stay at the model's reference.
@@ -51,8 +52,8 @@ def require_inside(folder: Path, path: Path, text: str) -> Path:
 
 
 def check_files(main: Path, folder: Path) -> None:
-    """Every file that a model and its parts name lies in a folder; one that is missing is MuJoCo's
-    to say.
+    """Every file that a model and its parts name lies in a folder; MuJoCo reports one that is
+    missing.
 
     Raises:
         TiltcalError: one does not, or a part is no XML.
@@ -155,7 +156,7 @@ MOST_BODIES = 2000
 def read_model(
     text: ModelWords, folder: Path, sites: Sequence[str] = ()
 ) -> tuple[Chain, dict[str, LinkFrame]]:
-    """The links of a model whose joints a scenario maps to table axes, and places on them.
+    """The links of a model whose joints a scenario maps to table axes, and sites on them.
 
     Args:
         text: the file, the axes and the site, as the scenario states them.
@@ -186,7 +187,7 @@ def read_model(
             do="leave out what does not carry the instrument",
         )
     reader = ModelReader(model, text, subject)
-    return reader.chain(), {name: reader.place(name) for name in sites}
+    return reader.chain(), {name: reader.frame_of(name) for name in sites}
 
 
 @dataclass(frozen=True)
@@ -200,17 +201,17 @@ class ModelJoint:
     body: int
     origin: Array
     R: Array
-    zero: float  # of the link when the readout says zero, from the reference, rad or m
+    zero: float  # of the link at readout zero, from the reference, rad or m
     slides: bool = False
 
     @property
     def bearing(self) -> Array:
-        """The frame before it turns: as ``R`` when the readout says zero, (3, 3)."""
+        """The frame before it turns: as ``R`` at readout zero, (3, 3)."""
         return self.R if self.slides else self.R @ rotation("z", self.zero)
 
     @property
     def start(self) -> Array:
-        """Where the origin is when the readout says zero, m, (3,)."""
+        """Where the origin is at readout zero, m, (3,)."""
         return self.origin + self.R[:, 2] * self.zero if self.slides else self.origin
 
 
@@ -218,7 +219,7 @@ class ModelReader:
     """The links of one compiled model."""
 
     def __init__(self, model: "mujoco.MjModel", text: ModelWords, subject: str) -> None:
-        self.model, self.words, self.subject = model, text, subject
+        self.model, self.table, self.subject = model, text, subject
         self.data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self.data)
         mapped = {self._joint(name, axis): (name, axis) for name, axis in text.axes.items()}
@@ -229,10 +230,10 @@ class ModelReader:
     def chain(self) -> Chain:
         """The links, and the instrument among them."""
         links = [self._link(k) for k in range(len(self.axes))]
-        return Chain(link=tuple(links), instrument=self.place(self.words.site))
+        return Chain(link=tuple(links), instrument=self.frame_of(self.table.site))
 
-    def place(self, site: str) -> LinkFrame:
-        """Where a site, or a body, is among the links."""
+    def frame_of(self, site: str) -> LinkFrame:
+        """Frame of a site, or a body, among the links."""
         body, origin, R = self._site(site)
         return LinkFrame(**self._placed(self._on(body), origin, R))
 
@@ -284,7 +285,7 @@ class ModelReader:
         axis = self.axes[k]
         on = self._before(k)
         position = self._placed(on, axis.start, axis.bearing)
-        text = self.words.axes[axis.name]
+        text = self.table.axes[axis.name]
         return Link(
             axis=axis.name,
             joint=text.joint,

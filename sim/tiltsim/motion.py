@@ -22,7 +22,7 @@ from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Motion, sampled_jet
 from tiltsim.rig import ARMATURE, Rig, RigBuilder
 
-BLOCK = 4096  # states a batch holds at once: 20 MiB
+BLOCK = 4096  # states of a batch: 20 MiB
 Progress = Callable[[int, int], None]
 
 
@@ -103,9 +103,15 @@ def read_states(
     rig: Rig, q: Array, v: Array, a: Array, world: World, time: Array
 ) -> tuple[Array, ...]:
     """Force, rate, up, north and angular acceleration in the body frame at given joint states, (n,
-    3) each. q, v, a: rad, rad/s and rad/s2, (n, joints); time: s, (n,).
+    3) each.
 
     States that repeat (a dwell) are computed once.
+
+    Args:
+        rig: the rig.
+        q, v, a: rad, rad/s and rad/s2, (n, joints).
+        world: site of the rig.
+        time: s, (n,).
     """
     new = np.ones(len(q), bool)
     new[1:] = (
@@ -191,7 +197,7 @@ def _settle(
     """Move the compliant joints to equilibrium: k (q - q_relaxed) = torque of their load, by fixed
     point (contracts by m g l / k).
 
-    Returns the generalised force that holds everything else still.
+    Returns the generalised force that keeps everything else still.
     """
     dofs = [rig.dof(name) for name in rig.springs]
     positions = [rig.position(name) for name in rig.springs]

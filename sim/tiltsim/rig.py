@@ -32,7 +32,7 @@ from tiltcal.setup.tables import Table, bearing
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltsim.actuators import install_drives, install_rings
 
-LIGHT = 1e-4  # kg, and ten times the kg m2, of frames that only hold others
+LIGHT = 1e-4  # kg, and ten times the kg m2, of frames without geometry
 SMALLEST = 1e-6  # kg and kg m2: MuJoCo refuses a body that moves and has none
 
 
@@ -66,7 +66,7 @@ def mjcf_of(chain: Chain) -> str:
 
 
 def _link(parent: Element, link: Link) -> Element:
-    """A link on its parent: its place, its bearing, and what moves."""
+    """A link on its parent: its frame, its bearing, and what moves."""
     position = _body(parent, f"{link.axis}_place", SMALLEST, link)
     body = SubElement(_body(position, bearing(link.axis), SMALLEST), "body", name=link.axis)
     kind = "slide" if link.slides else "hinge"
@@ -82,7 +82,7 @@ def _link(parent: Element, link: Link) -> Element:
 
 
 def _instrument(parent: Element, position: LinkFrame) -> None:
-    """The mount behind the instrument's place, with the hinges of its compliance."""
+    """The mount behind the frame of the instrument, with the hinges of its compliance."""
     inner = _body(_body(parent, "instrument_place", LIGHT, position), "mount", LIGHT)
     for axis, along in zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), strict=True):
         name = f"bend_{axis}"
@@ -92,7 +92,7 @@ def _instrument(parent: Element, position: LinkFrame) -> None:
 
 
 def _body(parent: Element, name: str, mass: float, position: LinkFrame | None = None) -> Element:
-    """A body that only holds others, where a place says."""
+    """A body without geometry, parent of others. position: its frame, at the origin if None."""
     body = SubElement(parent, "body", name=name)
     if position is not None:
         body.set("pos", _numbers(position.offset_m))
@@ -124,7 +124,7 @@ class Rig:
         rings, coggings: what a run by time steps still has to tune, to wind up and to drive.
         free: whether the instrument is a free body.
         displaced: whether the sensors are off the axes' common point, or that point is shaken.
-        centre: the common point at rest, world, m, (3,).
+        centre: the common point at standstill, world, m, (3,).
         inertial: whether the springs give way to inertia too, and not to weight alone.
     """
 
@@ -190,7 +190,7 @@ def open_model(table: Table) -> "mujoco.MjSpec":
 
 
 class RigBuilder:
-    """Builds one rig: open the model, place effects in it, compile."""
+    """Builds one rig: open the model, install effects in it, compile."""
 
     def __init__(self, setup: Setup, world: World, mount: Array) -> None:
         self.setup, self.world = setup, world
@@ -229,14 +229,14 @@ class RigBuilder:
                 mujoco.mju_mulQuat(q, np.array(body.quat), quaternion(R))
                 body.quat = q
             for k, turn in enumerate(turns):
-                self._hinge(f"{slot}_turn{k}", self._room(slot, k), turn)
+                self._hinge(f"{slot}_turn{k}", self._body_of_turn(slot, k), turn)
 
-    def _room(self, slot: str, k: int) -> "mujoco.MjsBody":
-        """The body for the k-th moving turn of a slot: a body holds six joints, the mount's bend
-        bodies take the rest.
+    def _body_of_turn(self, slot: str, k: int) -> "mujoco.MjsBody":
+        """The body for the k-th moving turn of a slot: a body has at most six joints, the
+        mount's bend bodies take the others.
 
         Raises:
-            TiltcalError: there are more than they hold.
+            TiltcalError: there are too many of them.
         """
         chain = [slot, "bend_x", "bend_y", "bend_z"] if slot == "mount" else [slot]
         if k // 6 >= len(chain):
@@ -309,7 +309,7 @@ class RigBuilder:
         """Springs and gaps.
 
         Either way the mount's ballasts are no load for the table: ``light`` makes them tiny, else
-        counterweights hold them, as a table is trimmed for its payload.
+        counterweights balance them, as a table is trimmed for its payload.
         """
         springs = combined([m for m in mechanisms if isinstance(m, Spring)])
         self.lock_mount({spring.body for spring in springs})
@@ -353,7 +353,7 @@ class RigBuilder:
     def _gap(self, gap: Gap) -> None:
         """Lost motion: a second hinge between hard limits.
 
-        The friction that holds the load back is the bearing's, against the stator, so it acts on
+        The friction that keeps the load back is the bearing's, against the stator, so it acts on
         the sum of the two angles: a tendon (friction inside the gap would carry the load along).
         """
         joint = self.spec.body(gap.axis).add_joint(
@@ -423,7 +423,7 @@ class RigBuilder:
 
 
 def add_frame_sensors(spec: "mujoco.MjSpec") -> None:
-    """Attitude, angular acceleration, place and velocity of the site ``accel``."""
+    """Attitude, angular acceleration, position and velocity of the site ``accel``."""
     kinds = mujoco.mjtSensor
     frames = {
         "attitude": kinds.mjSENS_FRAMEQUAT,
@@ -453,7 +453,7 @@ def combined(springs: Sequence[Spring]) -> list[Spring]:
 
 
 def harden(joint: "mujoco.MjsJoint | mujoco.MjsTendon") -> None:
-    """Dry friction that holds: with MuJoCo's default a loaded joint creeps 1970 arcsec/s, so
+    """Dry friction without creep: with MuJoCo's default a loaded joint creeps 1970 arcsec/s, so
     0.09.
     """
     joint.solref_friction, joint.solimp_friction = [0.001, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0]

@@ -1,4 +1,6 @@
-"""The mechanics of a served table: stepped as far as its time goes, driven by what is asked now."""
+"""The mechanics of a served table: stepped as far as its time goes, driven by the present
+demand.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,7 +28,7 @@ AHEAD = 4  # steps beyond an instant that its rate, acceleration and interpolati
 
 
 class ServedMechanics:
-    """Servos that follow what is asked of them, step by step.
+    """Servos that follow their demand, step by step.
 
     Args:
         scenario: with ``[dynamics]``; its sequence is not used.
@@ -37,10 +39,10 @@ class ServedMechanics:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        resting = fresh(scenario, sequence=(Step(action="rest", dwell_s=1.0),))
-        self.scenario = resting
+        at_standstill = fresh(scenario, sequence=(Step(action="rest", dwell_s=1.0),))
+        self.scenario = at_standstill
         self.effects = [e for e in scenario.effects if not e.is_identity]
-        self.servos = Servos(resting, self.effects)
+        self.servos = Servos(at_standstill, self.effects)
         if self.servos.rig.rings:
             raise TiltcalError(
                 f"scenario {scenario.name}",
@@ -53,7 +55,7 @@ class ServedMechanics:
         self.columns = {model.joint(i).name: int(model.jnt_dofadr[i]) for i in range(model.njnt)}
         self.dt = float(model.opt.timestep)
         self.recorder, self.done = Recorder(1), -round(PREROLL / self.dt)
-        self.advance(0.0, resting.schedule.drive)
+        self.advance(0.0, at_standstill.schedule.drive)
 
     def advance(self, time: float, asked: Callable[[Array], Drive]) -> None:
         """Step until the state at an instant is known, s.
@@ -75,7 +77,7 @@ class ServedMechanics:
                 self.done += n
 
     def halt(self) -> dict[str, float]:
-        """Rest where the last sound state was: the angle of each motor there, rad."""
+        """Stop at the last valid state: the angle of each motor there, rad."""
         data = self.servos.data
         assert self.recorder.carry is not None
         data.qpos[:] = self.recorder.carry[1][-1]

@@ -53,7 +53,7 @@ class Exchange:
     """The effects of a scenario as parameters of ``mujoco.sysid`` on the user's own model.
 
     Args:
-        scenario: holds the effects.
+        scenario: source of the effects.
         spec: the user's model, which the scenario's links were read from.
     """
 

@@ -1,5 +1,5 @@
-"""Calibrating and checking: several recordings as one, the method with or without a budget, what is
-noted, and whether the result holds on another recording.
+"""Calibrating and checking: several recordings as one, the method with or without a budget,
+notes, and whether the result is valid on another recording.
 """
 
 from collections.abc import Sequence
@@ -70,7 +70,7 @@ def estimate_for_certificate(
     options: dict[str, Any],
     progress: Progress = silent,
 ) -> tuple[Calibration, UncertaintyBudget | None]:
-    """The same with a budget; where that cannot be evaluated, a warning says why.
+    """The same with a budget; where that cannot be evaluated, a warning states the cause.
 
     Raises:
         TiltcalError: as ``estimate`` without a budget does.

@@ -52,7 +52,7 @@ class Certificate(certificate.Certificate, Tabular):
         """Write the page (.html) or the digital calibration certificate (.xml).
 
         Raises:
-            TiltcalError: another ending, no day of measurement for the latter, or the place cannot
+            TiltcalError: another ending, no day of measurement for the latter, or the file cannot
                 be written.
         """
         path = Path(path)

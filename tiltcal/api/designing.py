@@ -31,7 +31,7 @@ class DesignedSequence(Tabular):
         scenario: that it was designed for.
         up: the up direction of each pose in the body frame, (n, 3).
         unseen: effects that no pose shows.
-        inseparable: terms that these poses do not tell from the others.
+        inseparable: terms that these poses do not separate from the others.
     """
 
     plan: Plan
@@ -93,17 +93,17 @@ def designed(
     """The sequence of a design problem.
 
     Args:
-        scenario: whose table moves.
-        sensor: that it is designed for.
+        scenario: rig, sensors and effects.
+        sensor: sensor that the sequence is designed for.
         problem: terms, clock and criterion.
         unseen: effects that it leaves out.
-        everything: whether terms that no poses tell are reported instead of refused.
+        everything: whether terms that no poses determine are reported instead of refused.
         seed: of the search.
         progress: receives what is being done.
         engine: where drafts are improved; this process if not given.
 
     Raises:
-        TiltcalError: no set of poses within the limits tells a wanted term.
+        TiltcalError: no set of poses within the limits determines a term of interest.
     """
     still = Still(scenario.seen_by(sensor), problem.clock.budget)
     undetermined = check_possible(problem, still.axes, everything)

@@ -24,7 +24,8 @@ class Diagnosis(finding.Diagnosis):
     """A diagnosis that can be saved.
 
     Args:
-        scenario: that was diagnosed; recordings: of it. The other fields are those of the answer.
+        scenario: that was diagnosed.
+        recordings: of it. The other fields are those of the answer.
     """
 
     scenario: Scenario | None = None
@@ -41,17 +42,17 @@ class Diagnosis(finding.Diagnosis):
         write_results(self, Path(folder), self.scenario, self.recordings)
 
 
-def honest_scenario(path: Path | str) -> Scenario:
+def load_nominal_scenario(path: Path | str) -> Scenario:
     """Load a scenario without concealed truth.
 
     Raises:
         TiltcalError: its role is "concealed".
     """
-    return require_honest(load_scenario(path), f"scenario {path}")
+    return require_no_truth(load_scenario(path), f"scenario {path}")
 
 
-def require_honest(scenario: Scenario, subject: str) -> Scenario:
-    """``scenario`` when it does not hold the truth.
+def require_no_truth(scenario: Scenario, subject: str) -> Scenario:
+    """``scenario`` when it does not contain the truth.
 
     Raises:
         TiltcalError: its role is "concealed".
@@ -77,7 +78,7 @@ def explain(
     Args:
         scenario: what is known of the set-up.
         recordings: of one set-up, explained together.
-        static: a record at rest to estimate the noise from.
+        static: a record at standstill to estimate the noise from.
         progress: receives what is being done.
 
     Raises:

@@ -26,7 +26,7 @@ def read(
         file: CSV, Parquet or NPZ as the commands write them, or a CSV table of means; with a
             mapping any format that ``tiltcal import`` reads.
         more: further files; the result is then a tuple of recordings, in order.
-        mapping: TOML file that says which columns of a foreign file become which channels.
+        mapping: TOML file that states which columns of a foreign file become which channels.
 
     Raises:
         TiltcalError: a file is missing, or its content is no recording.

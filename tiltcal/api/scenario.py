@@ -9,7 +9,7 @@ from typing import Any
 from tiltcal.api.calibrating import estimate, estimate_for_certificate, judged, one_recording
 from tiltcal.api.certifying import Certificate, certificate_of
 from tiltcal.api.designing import DesignedSequence, designed
-from tiltcal.api.diagnosing import Diagnosis, explain, require_honest
+from tiltcal.api.diagnosing import Diagnosis, explain, require_no_truth
 from tiltcal.api.simulating import seed_used, simulator, truth_table
 from tiltcal.calibration.correction import correct_pieces
 from tiltcal.calibration.methods.registry import Method
@@ -49,10 +49,10 @@ class Scenario(laboratory.Scenario):
         return simulator(progress).record(self, seed_used(self, noise, seed))
 
     def predict(self, motion: Recording, *, progress: Progress = silent) -> Recording:
-        """What the model says another recording should have read, without noise.
+        """What another recording should have read by the model, without noise.
 
         Args:
-            motion: whose time stamps and table readout are replayed.
+            motion: recording with the time stamps and the table readout.
             progress: receives what is being done.
         """
         return simulator(progress).predict(self, motion)
@@ -144,13 +144,13 @@ class Scenario(laboratory.Scenario):
 
         Args:
             recordings: one, or several of the same set-up that are explained together.
-            static: a record at rest to estimate the noise from.
+            static: a record at standstill to estimate the noise from.
             progress: receives what is being done.
 
         Raises:
-            TiltcalError: a column is missing, or the scenario holds the concealed truth.
+            TiltcalError: a column is missing, or the scenario contains the concealed truth.
         """
-        nominal = require_honest(self, f"scenario {self.name}")
+        nominal = require_no_truth(self, f"scenario {self.name}")
         return explain(nominal, _several(recordings), static, progress)
 
     def design(
@@ -195,7 +195,7 @@ class Scenario(laboratory.Scenario):
             progress: receives what is being done.
 
         Raises:
-            TiltcalError: no set of poses within the limits tells a wanted term.
+            TiltcalError: no set of poses within the limits determines a term of interest.
         """
         one = sensor_of(self, sensor)
         seen = self.seen_by(one)
@@ -217,7 +217,7 @@ def load_scenario(path: Path | str) -> Scenario:
 
 
 def parse_scenario(table: Mapping[str, Any], source: str = "scenario") -> Scenario:
-    """A scenario from a table as its file holds it, for example ``Diagnosis.amended``.
+    """A scenario from the table of its file, for example ``Diagnosis.amended``.
 
     Raises:
         TiltcalError: naming every wrong key.

@@ -6,7 +6,7 @@ from importlib.metadata import entry_points
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.progress import Progress, Rate, silent, told_pieces
+from tiltcal.core.progress import Progress, Rate, report_pieces, silent
 from tiltcal.effects import to_file
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.laboratory.laboratory import Laboratory, SimulatedLaboratory
@@ -35,16 +35,16 @@ def simulator(progress: Progress = silent) -> Laboratory:
 
 
 def _in_steps(progress: Progress) -> Callable[[int, int], None]:
-    """Tells the steps that are done, of how many; fewer than before begin another run."""
+    """Report the steps done, and the total; fewer than before begin another run."""
     rate, before = Rate(0), 0
 
-    def told(done: int, steps: int) -> None:
+    def report(done: int, steps: int) -> None:
         nonlocal rate, before
         if rate.made + before >= done or not before:
             rate, before = Rate(steps, "steps"), done
         progress(rate.after(done - before, before))
 
-    return told
+    return report
 
 
 def seed_used(scenario: Scenario, noise: bool, seed: int | None) -> int | None:
@@ -61,7 +61,7 @@ def pieces_of(
 
     Args:
         scenario: the model.
-        motion: whose stamps and readout are replayed; None: the scenario's own sequence.
+        motion: recording with the stamps and the readout; None: the scenario's own sequence.
         seed: of the random effects; None: without them and without quantisation.
         progress: receives what is being done.
     """
@@ -70,7 +70,7 @@ def pieces_of(
         return iter([laboratory.predict(scenario, motion, seed)])
     if isinstance(laboratory, SimulatedLaboratory):
         pieces = laboratory.record_pieces(scenario, seed)
-        return told_pieces(pieces, _rows_of(scenario), progress)
+        return report_pieces(pieces, _rows_of(scenario), progress)
     return iter([laboratory.record(scenario, seed)])
 
 

@@ -43,7 +43,7 @@ def table_in(poses: Sequence[Pose], setup: Setup) -> Plot | None:
         scene = stage().scene(setup, drive_of(poses, setup))
     except TiltcalError:
         return None
-    return table_plot(scene, [f"pose {k}: {p.place}" for k, p in enumerate(poses, 1)])
+    return table_plot(scene, [f"pose {k}: {p.angles_and_time}" for k, p in enumerate(poses, 1)])
 
 
 def table_picture(setup: Setup) -> bytes | str:

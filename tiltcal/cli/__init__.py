@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if arguments is None:
             _quiet()
         with unwinding():
-            status = _ended(sys.argv[1:] if arguments is None else arguments)
+            status = _run_command(sys.argv[1:] if arguments is None else arguments)
     finally:
         if arguments is None:
             ignore()  # nothing is left to be interrupted
@@ -37,8 +37,8 @@ def _quiet() -> None:
         warnings.simplefilter("ignore")
 
 
-def _ended(arguments: Sequence[str]) -> int:
-    """Run a command; the one place through which no exception passes without the one message."""
+def _run_command(arguments: Sequence[str]) -> int:
+    """Run a command; no exception passes it without the one message."""
     from tiltcal.cli.signals import received
     from tiltcal.core.errors import TiltcalError
 

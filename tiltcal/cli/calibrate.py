@@ -103,10 +103,10 @@ def calibrate(
     return 0 if calibration.verdict == "good" else 1
 
 
-def parse_options(words: tuple[str, ...]) -> dict[str, Any]:
+def parse_options(arguments: tuple[str, ...]) -> dict[str, Any]:
     """``("terms=9", "estimator=median")`` -> values as TOML reads them, otherwise text."""
     options: dict[str, Any] = {}
-    for argument in words:
+    for argument in arguments:
         key, equals, value = argument.partition("=")
         if not equals or not key:
             raise TiltcalError(

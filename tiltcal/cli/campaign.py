@@ -18,7 +18,7 @@ from tiltcal.cli.options import (
     MoreBudget,
     ScenarioFile,
 )
-from tiltcal.cli.output import paragraph, print_json, print_table, progress_line, say
+from tiltcal.cli.output import paragraph, print_json, print_line, print_table, progress_line
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json
 from tiltcal.core.read_back import checked
@@ -36,7 +36,7 @@ from tiltcal.validation.campaign.folder import (
     Shard,
     forget_faults,
     make_runs,
-    merged,
+    merge_shards,
     write_campaign,
 )
 from tiltcal.validation.campaign.points import check_levels, require_allowed, require_countable
@@ -44,7 +44,7 @@ from tiltcal.validation.campaign.results import Results, known_summary, write_re
 
 HEADER = ("method", "runs", "verdicts", "NEES/dof", "95 %", "tilt after, arcsec", "95 %", "bound")
 ALL_PARAMETERS = ("tilt_after_arcsec", "nees_per_dof")
-"""Results that hold all parameters together."""
+"""Results with all parameters together."""
 
 
 def print_summary(summary: dict[str, Any]) -> None:
@@ -246,7 +246,7 @@ def merge(
     """
     files = CampaignFiles.of(output)
     with files.claimed(), files.whole_or_not_at_all():
-        found = merged([CampaignFiles.of(part) for part in parts], files)
+        found = merge_shards([CampaignFiles.of(part) for part in parts], files)
         return _finished(found, files, as_json)
 
 
@@ -294,8 +294,8 @@ def _finished(found: Campaign, files: CampaignFiles, as_json: bool) -> int:
         results = Results(found, journal)
         write_results(results, files.results)
         summary = summary_of(results)
-        write_json(files.beside(".summary.json"), summary)
-        write_campaign_report(results, summary, files.beside(".html"))
+        write_json(files.sibling(".summary.json"), summary)
+        write_campaign_report(results, summary, files.sibling(".html"))
     return _shown(summary, files, as_json)
 
 
@@ -305,8 +305,8 @@ def _shown(summary: dict[str, Any], files: CampaignFiles, as_json: bool) -> int:
         print_json(summary)
         return 0
     print_summary(summary)
-    for name in (files.results, files.beside(".summary.json"), files.beside(".html")):
-        say(f"written: {name}")
+    for name in (files.results, files.sibling(".summary.json"), files.sibling(".html")):
+        print_line(f"written: {name}")
     return 0
 
 

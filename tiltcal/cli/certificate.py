@@ -11,7 +11,7 @@ from tiltcal.api.certifying import certificate_of
 from tiltcal.api.table_scene import table_picture
 from tiltcal.calibration.result import Calibration, load_calibration
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, tell
+from tiltcal.cli.output import print_json, print_note
 from tiltcal.cli.verdict import print_verdict
 from tiltcal.core.errors import TiltcalError
 from tiltcal.laboratory.scenario import Scenario
@@ -86,14 +86,14 @@ def require_statements(stated: Stated, dcc: Path | None) -> None:
 
 
 def write_files(made: Certificate, page: Path | None, dcc: Path | None) -> list[str]:
-    """Write the page and the DCC, whichever is wanted, and say so on stderr."""
+    """Write the page and the DCC, whichever is wanted, with a note on stderr for each."""
     if page is not None:
         write_certificate(made, page)
     if dcc is not None:
         write_dcc(made, dcc)
     written = [str(path) for path in (page, dcc) if path is not None]
     for path in written:
-        tell(f"{path}: certificate {made.number}")
+        print_note(f"{path}: certificate {made.number}")
     return written
 
 

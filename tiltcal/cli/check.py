@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from tiltcal.api.calibrating import judged
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
-from tiltcal.cli.output import paragraph, print_json, say
+from tiltcal.cli.output import paragraph, print_json, print_line
 from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
@@ -52,7 +52,7 @@ def _print_result(result: Check) -> None:
             f"{t.name}: {'yes' if t.passed else 'NO'} (chi2 {t.statistic:.4g}, {t.dof} degrees"
             f" of freedom, p {t.p_value:.2g})"
         )
-    say("accepted" if result.accepted else "not accepted")
+    print_line("accepted" if result.accepted else "not accepted")
 
 
 def to_json(result: Check) -> dict[str, object]:

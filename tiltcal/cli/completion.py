@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, say, tell
+from tiltcal.cli.output import print_json, print_line, print_note
 
 
 def completion(
@@ -29,15 +29,15 @@ def completion(
 
     app = make_app()
     if install:
-        position = app.install_completion(shell=shell)
+        location = app.install_completion(shell=shell)
         if as_json:
-            print_json({"shell": shell, "file": str(position)})
+            print_json({"shell": shell, "file": str(location)})
         else:
-            tell(f"{position}: written; it applies to new shells")
+            print_note(f"{location}: written; it applies to new shells")
         return 0
     script = app.generate_completion(shell=shell)
     if as_json:
         print_json({"shell": shell, "script": script})
     else:
-        say(script.rstrip("\n"))
+        print_line(script.rstrip("\n"))
     return 0

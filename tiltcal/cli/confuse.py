@@ -16,7 +16,7 @@ from tiltcal.laboratory.scenario import load_scenario
 
 HEADER = ("parameter", "absorbed", "detectable", "plausible", "unique", "not separable from")
 SHOWN_CLASSES = 12
-SHOWN_RIVALS = 2
+SHOWN_ALTERNATIVES = 2
 
 
 def confuse(
@@ -61,15 +61,17 @@ def _print(found: Confusion, groups: Sequence[Sequence[str]]) -> None:
 
 
 def _row(s: ParameterVisibility) -> list[str]:
-    rivals = ", ".join(f"{label} {cosine:+.3f}" for label, cosine in s.rivals[:SHOWN_RIVALS])
-    more = len(s.rivals) - SHOWN_RIVALS
+    alternatives = ", ".join(
+        f"{label} {cosine:+.3f}" for label, cosine in s.alternatives[:SHOWN_ALTERNATIVES]
+    )
+    more = len(s.alternatives) - SHOWN_ALTERNATIVES
     return [
         s.column.label,
         f"{100 * s.absorbed:.1f} %",
         f"{s.detectable:.3g} {s.column.unit}" if np.isfinite(s.detectable) else "never",
         f"{s.column.size:g}",
         f"{s.unique:.2f}",
-        rivals + (f" and {more} more" if more > 0 else ""),
+        alternatives + (f" and {more} more" if more > 0 else ""),
     ]
 
 
@@ -98,5 +100,5 @@ def _sight_json(s: ParameterVisibility) -> dict[str, object]:
         "absorbed": s.absorbed,
         "detectable": s.detectable if np.isfinite(s.detectable) else None,
         "unique": s.unique,
-        "rivals": [{"parameter": r, "cosine": c} for r, c in s.rivals],
+        "rivals": [{"parameter": r, "cosine": c} for r, c in s.alternatives],
     }

@@ -8,9 +8,9 @@ from cyclopts import Parameter
 from tiltcal.calibration.correction import correct_pieces
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, progress_line, require_output, stdout_bytes, tell
+from tiltcal.cli.output import print_json, print_note, progress_line, require_output, stdout_bytes
 from tiltcal.cli.verdict import print_verdict
-from tiltcal.core.progress import told_pieces
+from tiltcal.core.progress import report_pieces
 from tiltcal.recordings.csv_files import csv_writer
 from tiltcal.recordings.pieces import estimated_rows, read_pieces, writing
 
@@ -38,7 +38,7 @@ def correct(
     calibration = load_calibration(calibration_file)
     print_verdict(calibration)
     with progress_line() as progress:
-        pieces = told_pieces(read_pieces(recording), estimated_rows(recording), progress)
+        pieces = report_pieces(read_pieces(recording), estimated_rows(recording), progress)
         if output is None:
             with stdout_bytes() as out, csv_writer(out) as write:
                 done = correct_pieces(pieces, calibration, write)
@@ -51,10 +51,10 @@ def correct(
     if as_json:
         print_json({"output": str(output), "rows": done.rows, "notes": done.notes})
     else:
-        tell(f"{output}: {done.rows} rows corrected")
+        print_note(f"{output}: {done.rows} rows corrected")
     return 0
 
 
 def _print_notes(notes: list[str]) -> None:
     for note in notes:
-        tell(f"note: {note}")
+        print_note(f"note: {note}")

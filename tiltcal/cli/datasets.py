@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, print_table, tell
+from tiltcal.cli.output import print_json, print_note, print_table
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings import datasets as catalogue
@@ -48,11 +48,11 @@ def datasets(
     dataset = find_dataset(name)
     paths = fetch(dataset, Path(name) if output is None else output, source)
     if as_json:
-        mapping, scenario = _words(dataset)
+        mapping, scenario = _mapping_and_scenario(dataset)
         files = [str(p) for p in paths]
         print_json({"files": files, "mapping": str(mapping), "scenario": str(scenario)})
     else:
-        _tell(dataset, paths)
+        _print_notes(dataset, paths)
     return 0
 
 
@@ -74,17 +74,17 @@ def _show(as_json: bool) -> None:
     print_table(["name", "what", "source", "licence", "size"], rows)
 
 
-def _words(dataset: Dataset) -> tuple[Path, Path]:
+def _mapping_and_scenario(dataset: Dataset) -> tuple[Path, Path]:
     """The mapping and the scenario of a data set."""
     real = folder("scenarios") / "real"
     return real / dataset.mapping, real / dataset.scenario
 
 
-def _tell(dataset: Dataset, paths: list[Path]) -> None:
-    mapping, scenario = _words(dataset)
+def _print_notes(dataset: Dataset, paths: list[Path]) -> None:
+    mapping, scenario = _mapping_and_scenario(dataset)
     for path in paths:
-        tell(f"{path}: the published file")
+        print_note(f"{path}: the published file")
     here = paths[0].parent / dataset.import_file
-    tell(f"licence: {dataset.licence}, {dataset.repository}")
-    tell(f"next: tiltcal import {here} --map {mapping} -o run.csv")
-    tell(f"scenario: {scenario}")
+    print_note(f"licence: {dataset.licence}, {dataset.repository}")
+    print_note(f"next: tiltcal import {here} --map {mapping} -o run.csv")
+    print_note(f"scenario: {scenario}")

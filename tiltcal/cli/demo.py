@@ -17,7 +17,7 @@ from cyclopts import Parameter
 from tiltcal.api.simulating import simulator
 from tiltcal.cli.diagnose import diagnose
 from tiltcal.cli.options import SEED, Json
-from tiltcal.cli.output import paragraph, print_table, progress_line, say, tell
+from tiltcal.cli.output import paragraph, print_line, print_note, print_table, progress_line
 from tiltcal.cli.verify import finish
 from tiltcal.core.assets import folder
 from tiltcal.core.files import make_folder, write_text
@@ -80,8 +80,8 @@ TILTS_DEG, TURNS_DEG = range(15, 375, 60), range(20, 380, 72)
 
 
 def bench() -> dict[str, Any]:
-    """The scenario without truth: a tumble of 30 poses on a dual-axis table, in a room with a
-    periodic temperature.
+    """The scenario without truth: a tumble of 30 poses on a dual-axis table, in a laboratory
+    with a periodic temperature.
     """
     poses = [
         (tilt, turn)
@@ -190,7 +190,7 @@ def demo(
 def tour() -> Verification:
     """Run built-in scenarios and judge them against the injected errors."""
     start = time.perf_counter()
-    tell("Simulating tables in MuJoCo, calibrating, judging against the injected errors.\n")
+    print_note("Simulating tables in MuJoCo, calibrating, judging against the injected errors.\n")
     with progress_line() as progress:
         laboratory = simulator(progress)
         results = []
@@ -208,7 +208,9 @@ def find(out: Path, seed: int) -> tuple[dict[str, Any], dict[str, Any]]:
 
     The scenario with the truth is written after the diagnosis.
     """
-    tell(f"Concealing an effect in a simulated recording (seed {seed}), then diagnosing it.\n")
+    print_note(
+        f"Concealing an effect in a simulated recording (seed {seed}), then diagnosing it.\n"
+    )
     rng = np.random.default_rng(seed)
     hidden = concealed(rng)
     truth = {**bench(), "role": "concealed", "effect": [*ordinary(rng), hidden]}
@@ -253,7 +255,7 @@ def show(found: tuple[dict[str, Any], dict[str, Any]], out: Path, seed: int) -> 
         [[text, _figure(before[k]), _figure(after[k])] for k, text in names.items()],
     )
     paragraph(f"{answer['verdict']}: {answer['statement']}")
-    say(f"report of the diagnosis: {out / 'diagnosis' / 'report.html'}")
+    print_line(f"report of the diagnosis: {out / 'diagnosis' / 'report.html'}")
 
 
 def _figure(value: float | None) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from cyclopts import Group, Parameter
 
 from tiltcal.api.designing import DesignedSequence, designed
-from tiltcal.api.diagnosing import honest_scenario
+from tiltcal.api.diagnosing import load_nominal_scenario
 from tiltcal.api.table_scene import table_in
 from tiltcal.cli.design_options import (
     Aim,
@@ -22,7 +22,14 @@ from tiltcal.cli.design_options import (
     axis_limits,
 )
 from tiltcal.cli.options import SEED, EngineName, Jobs, Json
-from tiltcal.cli.output import paragraph, print_json, print_table, progress_line, say, tell
+from tiltcal.cli.output import (
+    paragraph,
+    print_json,
+    print_line,
+    print_note,
+    print_table,
+    progress_line,
+)
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import claimed, make_folder, require_file, write_json, write_text
 from tiltcal.core.read_back import read_toml
@@ -181,7 +188,7 @@ def problem_of(
 
 def show(found: DesignedSequence) -> None:
     """Print the steps, and the forecasts of this design and of classic sequences."""
-    say(str(found))
+    print_line(str(found))
     forecast = found.plan.forecast
     rows = [
         ["this design", f"{forecast.nats:.2f}", f"{forecast.tilt_arcsec:.3f}", str(forecast.poses)]
@@ -250,7 +257,7 @@ def design_visible_poses(
     if as_json:
         print_json(plan.to_json() | summary(found))
     else:
-        say(printable(plan, up))
+        print_line(printable(plan, up))
         show_visible_poses(found)
     return 0
 
@@ -361,7 +368,7 @@ def design_separating_block(
             need="the scenario that was diagnosed",
             do="add --scenario TOML",
         )
-    scenario = honest_scenario(described)
+    scenario = load_nominal_scenario(described)
     diagnosis = read_diagnosis(split)
     amended = require_file(split.with_name("amended.toml"), "amended scenario")
     data = [read_recording(p) for p in _recordings_of(diagnosis, split, wanted.recordings)]
@@ -399,9 +406,9 @@ def _show(plan: NextBlock, rig: Rig, output: Path | None, as_json: bool) -> None
     if output:
         paragraph(plan.statement)
     else:
-        tell(plan.statement)
+        print_note(plan.statement)
     if plan.proposal is not None and not output:
-        say(sequence_text(plan.proposal.block.steps, rig).rstrip("\n"))
+        print_line(sequence_text(plan.proposal.block.steps, rig).rstrip("\n"))
 
 
 def _recordings_of(diagnosis: dict[str, Any], path: Path, given: Sequence[Path]) -> list[Path]:

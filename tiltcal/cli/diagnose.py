@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.api.diagnosing import explain, honest_scenario, results_json, write_results
+from tiltcal.api.diagnosing import explain, load_nominal_scenario, results_json, write_results
 from tiltcal.cli.options import DEFAULT_BUDGET, DescribedBy, Json, MoreBudget
 from tiltcal.cli.output import paragraph, print_json, progress_line
 from tiltcal.core.files import claimed
@@ -39,7 +39,7 @@ def diagnose(
       tiltcal diagnose run.csv --scenario out/amended.toml --check
     """
     allowed.apply()
-    nominal = honest_scenario(scenario)
+    nominal = load_nominal_scenario(scenario)
     with claimed(output):
         with progress_line() as progress:
             data = [read_for_diagnosis(path, nominal, progress) for path in recordings]

@@ -5,15 +5,15 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import paragraph, print_json, print_table, say
+from tiltcal.cli.output import paragraph, print_json, print_line, print_table
 from tiltcal.core.errors import TiltcalError, nearest
-from tiltcal.design.identifiability import nearest_rivals
+from tiltcal.design.identifiability import most_similar_effects
 from tiltcal.effects import CATALOGUE, Effect
 from tiltcal.effects.parameter import GRADES
 
 
 def effects(
-    word: Annotated[str | None, Parameter("ID", help="Id of an effect, or a search term.")] = None,
+    term: Annotated[str | None, Parameter("ID", help="Id of an effect, or a search term.")] = None,
     /,
     *,
     as_json: Json = False,
@@ -25,20 +25,20 @@ def effects(
       tiltcal effects
       tiltcal effects acc_K2
     """
-    if word and word in CATALOGUE:
-        explain(CATALOGUE[word], as_json)
+    if term and term in CATALOGUE:
+        explain(CATALOGUE[term], as_json)
         return 0
     found = {
         i: c
         for i, c in CATALOGUE.items()
-        if not word or word.lower() in f"{i} {c.title} {c.physics} {c.look}".lower()
+        if not term or term.lower() in f"{i} {c.title} {c.physics} {c.look}".lower()
     }
-    if word and not found:
+    if term and not found:
         raise TiltcalError(
-            f"effect '{word}'",
+            f"effect '{term}'",
             found="no effect with this keyword",
             need="an id or a search term",
-            do=nearest(word, list(CATALOGUE)),
+            do=nearest(term, list(CATALOGUE)),
         )
     if as_json:
         print_json([_as_json(c) for c in found.values()])
@@ -89,9 +89,9 @@ def explain(cls: type[Effect], as_json: bool) -> None:
         print_json(_as_json(cls))
         return
     paragraph(f"{cls.id} ({cls.stage}): {cls.title}")
-    say("")
+    print_line("")
     paragraph(cls.physics, indent="")
-    say("")
+    print_line("")
     for name, text in (
         ("equation", cls.equation),
         ("excited by", cls.excited_by),
@@ -99,9 +99,9 @@ def explain(cls: type[Effect], as_json: bool) -> None:
         ("source", cls.source),
     ):
         paragraph(f"{name + ':':12s}{text}", indent=" " * 12)
-    rivals = nearest_rivals(cls.id)
-    if rivals:
-        similar = ", ".join(f"{i} (cosine {c:.3f})" for i, c in rivals)
+    similar_effects = most_similar_effects(cls.id)
+    if similar_effects:
+        similar = ", ".join(f"{i} (cosine {c:.3f})" for i, c in similar_effects)
         paragraph(f"{'similar:':12s}{similar}", indent=" " * 12)
     rows = [[f"{p.name}{p.suffix}", *(f"{x:g}" for x in p.plausible)] for p in cls.parameters]
     print_table(

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.calibrate import parse_options
 from tiltcal.cli.options import DescribedBy, Json
-from tiltcal.cli.output import paragraph, print_json, tell
+from tiltcal.cli.output import paragraph, print_json, print_note
 from tiltcal.core.units import DEG
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
@@ -59,6 +59,6 @@ def estimate(
         print_json({"output": str(output), "last": last, "answered": answered, "sample_s": seconds})
     else:
         text = ", ".join(f"{name} {value:.6g}" for name, value in last.items())
-        tell(f"{output}: {len(recording)} samples, answered {answered:.1%}")
+        print_note(f"{output}: {len(recording)} samples, answered {answered:.1%}")
         paragraph(f"last answer: {text}")
     return 0

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from tiltcal.calibration.result import Calibration, load_calibration
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, require_output, say, tell
+from tiltcal.cli.output import print_json, print_line, print_note, require_output
 from tiltcal.cli.verdict import print_verdict
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
@@ -78,13 +78,13 @@ def export(
     else:
         text = _of_noise(chosen, file, topic, calibration)
     if output is None:
-        say(text.rstrip("\n"))
+        print_line(text.rstrip("\n"))
         return 0
     write_text(output, text)
     if as_json:
         print_json({"output": str(output), "name": name, "format": chosen, "bytes": len(text)})
     else:
-        tell(f"{output}: {len(text.splitlines())} lines, {chosen}")
+        print_note(f"{output}: {len(text.splitlines())} lines, {chosen}")
     return 0
 
 
@@ -116,7 +116,7 @@ def _firmware(found: Calibration, name: str, log: Path | None, vectors: Path | N
     if vectors is not None:
         written = firmware_vectors(found, recording)
         write_recording(written, vectors)
-        tell(f"{vectors}: {len(written)} rows, readings and their correction")
+        print_note(f"{vectors}: {len(written)} rows, readings and their correction")
     return text
 
 
@@ -129,7 +129,7 @@ def _of_effects(file: Path) -> str:
     text, left_out = to_sysid(load_scenario(file))
     if left_out:
         message = ", ".join(f"{address} ({why})" for address, why in left_out.items())
-        tell(f"left out, no parameter of a model: {message}")
+        print_note(f"left out, no parameter of a model: {message}")
     return text
 
 
@@ -182,7 +182,7 @@ def _recording(file: Path, output: Path | None, as_json: bool) -> int:
     if as_json:
         print_json({"output": str(output), "rows": len(recording)})
     else:
-        tell(f"{output}: {len(recording)} rows")
+        print_note(f"{output}: {len(recording)} rows")
     return 0
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import SEVERAL, Json
-from tiltcal.cli.output import print_json, require_output, say, tell
+from tiltcal.cli.output import print_json, print_line, print_note, require_output
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
 from tiltcal.recordings.foreign_files import Imported, import_file
@@ -100,7 +100,7 @@ def import_log(
     if as_json:
         print_json(_summary(imported, output))
     else:
-        _tell(imported, output)
+        _print_notes(imported, output)
     return 0
 
 
@@ -113,13 +113,13 @@ def _parameters(file: Path, scenario: Path, output: Path | None, as_json: bool) 
     require_output("import", output, as_json, "the scenario")
     text = tomli_w.dumps(from_sysid(load_scenario(scenario), file))
     if output is None:
-        say(text.rstrip("\n"))
+        print_line(text.rstrip("\n"))
         return 0
     write_text(output, text)
     if as_json:
         print_json({"scenario": str(output)})
     else:
-        tell(f"{output}: the scenario with the values of {file.name}")
+        print_note(f"{output}: the scenario with the values of {file.name}")
     return 0
 
 
@@ -144,11 +144,11 @@ def _propose(file: Path, budget: ReadBudget, output: Path | None, as_json: bool)
             }
         )
     elif output is None:
-        say(text.rstrip("\n"))
+        print_line(text.rstrip("\n"))
     else:
         doubts = len(proposal.doubts)
         what = "thing" if doubts == 1 else "things"
-        tell(f"{output}: proposed; {doubts} {what} it cannot know, see there")
+        print_note(f"{output}: proposed; {doubts} {what} it cannot know, see there")
     return 0
 
 
@@ -164,17 +164,17 @@ def _summary(imported: Imported, output: Path) -> dict[str, Any]:
     }
 
 
-def _tell(imported: Imported, output: Path) -> None:
+def _print_notes(imported: Imported, output: Path) -> None:
     recording = imported.recording
     channels = len(recording.column_names)
-    tell(f"{output}: {len(recording)} rows, {channels} channels")
+    print_note(f"{output}: {len(recording)} rows, {channels} channels")
     for text in imported.repairs:
-        tell(f"repaired: {text}")
+        print_note(f"repaired: {text}")
     for finding in imported.findings:
-        tell(f"found: {_words(finding, imported.repairs)}")
+        print_note(f"found: {_statement_with_repair(finding, imported.repairs)}")
 
 
-def _words(finding: Finding, repairs: Sequence[str]) -> str:
+def _statement_with_repair(finding: Finding, repairs: Sequence[str]) -> str:
     done = any(text.startswith(f"{finding.repair}:") for text in repairs)
     offer = f"; --repair {finding.repair}" if finding.repair and not done else ""
     return finding.statement + offer

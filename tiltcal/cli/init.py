@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import asked, print_json, say, tell
+from tiltcal.cli.output import ask, print_json, print_line, print_note
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_text
 from tiltcal.core.frames import normal_gravity
@@ -105,7 +105,7 @@ def init(
     Without --from: a triad of accelerometers on a dual-axis table, six faces.
     With --from: sensors, units, rates, table and mounting by the columns and the
     numbers of a recording, with the reason of each and what it cannot know. On a
-    terminal it asks for what the recording does not say.
+    terminal it asks for what the recording does not state.
 
       tiltcal init -o bench.toml
       tiltcal init --from run.csv -o bench.toml
@@ -117,23 +117,23 @@ def init(
         print_json(scenario_schema())
         return 0
     if latitude is None:
-        latitude = _asked_latitude()
+        latitude = _ask_latitude()
     text = scenario_text(recording_file, latitude, height)
     if output:
         write_text(output, text)
-        tell(
+        print_note(
             f"{output}: written; edit it, then use it with `tiltcal simulate` or `calibrate"
             " --scenario`"
         )
     if as_json:
         print_json({"output": str(output) if output else None, "scenario": text})
     elif not output:
-        say(text)
+        print_line(text)
     return 0
 
 
 def scenario_text(recording_file: Path | None, latitude: float, height: float) -> str:
-    """A scenario as TOML with comments; what was taken from a recording is told on stderr.
+    """A scenario as TOML with comments; a note on stderr states what was taken from a recording.
 
     Raises:
         TiltcalError: the latitude is out of range, or the recording is not readable.
@@ -163,8 +163,8 @@ def scenario_text(recording_file: Path | None, latitude: float, height: float) -
     return "\n".join([*lines, *_from_recording(recording, latitude, gravity)])
 
 
-def _asked_latitude() -> float:
-    answer = asked("latitude, deg", f"{LATITUDE:g}")
+def _ask_latitude() -> float:
+    answer = ask("latitude, deg", f"{LATITUDE:g}")
     try:
         return float(answer)
     except ValueError as error:
@@ -174,19 +174,19 @@ def _asked_latitude() -> float:
 
 
 def _from_recording(recording: Recording, latitude: float, gravity: float) -> list[str]:
-    """Rig and sensors by a recording, and what was assumed, told on stderr."""
+    """Rig and sensors by a recording; notes on stderr state what was assumed."""
     sensors = sensors_of(recording, gravity)
     rig = rig_of(recording, _provisional(sensors, latitude, gravity))
     known = not rig.doubts
-    table = rig.table if known else asked("table", rig.table, list(tables()))
-    mount = rig.mount if known else asked("mount, such as Rz(180)", rig.mount)
+    table = rig.table if known else ask("table", rig.table, list(tables()))
+    mount = rig.mount if known else ask("mount, such as Rz(180)", rig.mount)
     if (table, mount) != (rig.table, rig.mount):
         rig = RigGuess(table, mount, "your answer")
-    tell(f"table {rig.table}, mount {rig.mount}: {rig.reason}")
+    print_note(f"table {rig.table}, mount {rig.mount}: {rig.reason}")
     for s in sensors:
-        tell(f"{s.name}: {s.kind}, {s.rate_hz:.4g} Hz: {s.reason}")
+        print_note(f"{s.name}: {s.kind}, {s.rate_hz:.4g} Hz: {s.reason}")
     for doubt in (*rig.doubts, *(d for s in sensors for d in s.doubts)):
-        tell(f"cannot know: {doubt}")
+        print_note(f"cannot know: {doubt}")
     return [*_rig(rig), *(line for s in sensors for line in _sensor(s))]
 
 
@@ -258,7 +258,7 @@ def _sensor(s: SensorGuess) -> list[str]:
 
 
 def _input_line(s: SensorGuess) -> str:
-    """How raw readings become SI; a comment to fill in where the recording does not say it."""
+    """How raw readings become SI; a comment to fill in where the recording does not state it."""
     if not s.zero:
         return (
             f'# input = {{ unit = "{s.unit}", zero = 0, per_m_s2 = 1000 }}   # fill in: value ='

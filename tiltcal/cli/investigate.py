@@ -7,11 +7,11 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
-from tiltcal.api.diagnosing import explain, honest_scenario, write_results
+from tiltcal.api.diagnosing import explain, load_nominal_scenario, write_results
 from tiltcal.api.table_scene import table_in
 from tiltcal.cli.design_options import axis_limits
 from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, EngineName, Jobs, Json
-from tiltcal.cli.output import paragraph, print_json, progress_line, tell
+from tiltcal.cli.output import paragraph, print_json, print_note, progress_line
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import claimed, require_file
 from tiltcal.core.progress import Progress
@@ -85,7 +85,7 @@ def investigate(
     Exit status: 0 explained; 1 not explained within the budget, or not within
     reach of this table; 2 unusable input.
     """
-    nominal = honest_scenario(scenario)
+    nominal = load_nominal_scenario(scenario)
     laboratory = CommandLaboratory.parse(lab)
     given = [str(require_file(path, "recording").absolute()) for path in recordings]
     opened = shared_engine(engine, jobs)
@@ -136,8 +136,8 @@ def _show(state: Investigation, output: Path, as_json: bool) -> None:
             f"recorded {entry.recording}: {entry.block}, {entry.minutes:.1f} min of table time"
         )
     paragraph(f"{state.verdicts[-1]}: {state.statement}")
-    tell(f"{output}/log.md")
-    tell(f"{output}/report.html")
+    print_note(f"{output}/log.md")
+    print_note(f"{output}/report.html")
 
 
 def block_limits(given: BlockLimits) -> Limits:

@@ -8,7 +8,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import DEFAULT_BUDGET, Json, MoreBudget
-from tiltcal.cli.output import paragraph, print_json, print_table, progress_line, say
+from tiltcal.cli.output import paragraph, print_json, print_line, print_table, progress_line
 from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, Unit, split_unit
 from tiltcal.effects import Effect
 from tiltcal.effects.sensor.noise import AccNoise, GyrNoise
@@ -40,14 +40,14 @@ def noise(
     rows = [[n, *(_cell(m, t, split_unit(n)[1] or "") for t in TERMS)] for n, m in models.items()]
     print_table(["channel", *TERMS], rows)
     for t in TERMS:
-        say(f"{t}: {NAMES[t]}")
+        print_line(f"{t}: {NAMES[t]}")
     paragraph(
         "N is per root hertz of a two-sided density: the standard deviation of a sample is"
         " N sqrt(rate); data sheets often give sqrt(2) N."
     )
     for note in dict.fromkeys(note for model in models.values() for note in model.notes):
         paragraph(f"note: {note}")
-    say("\n" + "\n".join(effect_tables(models)))
+    print_line("\n" + "\n".join(effect_tables(models)))
     return 0
 
 

@@ -21,10 +21,10 @@ from tiltcal.core.progress import Progress, silent
 from tiltcal.core.safe_text import plain
 
 PADDING = {1: (0, 0, 0, 0), 2: (0, 1, 0, 0), 3: (0, 1, 0, 1)}  # by the gap between columns
-SILENCE_S = 2.5  # after which progress says again what is being done
+SILENCE_S = 2.5  # after which progress repeats what is being done
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     """Print a line on stdout."""
     sys.stdout.write(plain(text) + "\n")
 
@@ -42,13 +42,13 @@ def quietly(quiet: bool) -> Iterator[None]:
         _quiet.reset(token)
 
 
-def tell(text: str) -> None:
-    """Print a line on stderr, unless it shall be quiet."""
+def print_note(text: str) -> None:
+    """Print a note, one line on stderr, unless quiet."""
     if not _quiet.get():
         sys.stderr.write(plain(text) + "\n")
 
 
-def asked(question: str, default: str, choices: Sequence[str] = ()) -> str:
+def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
     """The answer to a question on the terminal; the default where nobody can be asked.
 
     Args:
@@ -116,7 +116,7 @@ def print_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None
 ) -> None:
     """Print a table on stdout that fits the terminal, or 80 columns (COLUMNS) in a pipe: long cells
-    are wrapped between words; where that does not suffice, each row is a list.
+    are wrapped at spaces; where that does not suffice, each row is a list.
     """
     from rich import box
     from rich.console import Console
@@ -153,8 +153,8 @@ def line_width() -> int:
 
 
 def fitted_widths(cells: Sequence[Sequence[str]], width: int) -> tuple[list[int], int] | None:
-    """Width of each column of a table, and the gap between them; None where the longest words do
-    not fit side by side.
+    """Width of each column of a table, and the gap between them; None where the longest unbroken
+    texts do not fit side by side.
 
     Args:
         cells: header and rows.
@@ -162,7 +162,7 @@ def fitted_widths(cells: Sequence[Sequence[str]], width: int) -> tuple[list[int]
     """
     columns = list(zip(*cells, strict=True))
     widths = [max(map(len, column)) for column in columns]
-    least = [max(map(_longest_word, column)) for column in columns]
+    least = [max(map(_longest_unbroken, column)) for column in columns]
     if sum(widths) <= width - 3 * len(widths):
         return widths, 3
     gap = next((g for g in (2, 1) if sum(least) < width - g * len(widths)), None)
@@ -174,7 +174,7 @@ def fitted_widths(cells: Sequence[Sequence[str]], width: int) -> tuple[list[int]
     return widths, gap
 
 
-def _longest_word(cell: str) -> int:
+def _longest_unbroken(cell: str) -> int:
     return max(map(len, cell.split()), default=0)
 
 
@@ -191,7 +191,7 @@ def _print_as_lists(cells: Sequence[Sequence[str]], title: str | None) -> None:
 
 
 def paragraph(text: str, indent: str = "    ") -> None:
-    """Print words on stdout, wrapped to the width; further lines are indented."""
+    """Print a text on stdout, wrapped to the width; further lines are indented."""
     message = fill(
         plain(text),
         line_width(),
@@ -224,7 +224,7 @@ class _Lines:
 
     def _write(self, text: str) -> None:
         self._last = time.monotonic()
-        tell(text)
+        print_note(text)
         sys.stderr.flush()
 
     def _remind(self) -> None:

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from tiltcal.cli.options import SEED, SEVERAL, WHOLE, EngineName, Jobs, Json
-from tiltcal.core.assets import beside
+from tiltcal.core.assets import checkout_folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.tasks.engines import ADDRESS, open_engine
 from tiltcal.core.tasks.run_tasks import values_as_made
@@ -117,7 +117,7 @@ def _tests_folder(trials: Path | None) -> Path:
     Raises:
         TiltcalError: there is none.
     """
-    tests = trials or beside("tests")
+    tests = trials or checkout_folder("tests")
     if tests is None or not (tests / "blind" / "__main__.py").is_file():
         raise TiltcalError(
             "blind trials",
@@ -149,7 +149,7 @@ def _run(module: str, arguments: Sequence[str], tests: Path, engine: str, jobs: 
 
         try:
             status: int = program.main(arguments, spread)
-        except SystemExit as error:  # of its argument parser, which has said why
+        except SystemExit as error:  # of its argument parser, which has printed the cause
             return int(error.code or 0)
         return status
 

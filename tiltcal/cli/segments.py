@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, stdout_bytes, tell
+from tiltcal.cli.output import print_json, print_note, stdout_bytes
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import replacing
 from tiltcal.recordings.recording_files import read_recording
@@ -48,7 +48,7 @@ def segments(
         print_json([vars(s) for s in found])
     elif output:
         still = len(dwells(found))
-        tell(f"{output}: {still} dwells, {len(found) - still} moves")
+        print_note(f"{output}: {still} dwells, {len(found) - still} moves")
     else:
         with stdout_bytes() as out:
             text = io.StringIO()

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from tiltcal.api.simulating import seed_used, simulator
 from tiltcal.cli.options import SEED, WHOLE, Json, ScenarioFile, between
-from tiltcal.cli.output import print_json, say
+from tiltcal.cli.output import print_json, print_line
 from tiltcal.core.errors import TiltcalError
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
@@ -75,7 +75,7 @@ def serve(
 
 
 async def _serve(server: Server, as_json: bool) -> int:
-    """Serve until a signal comes, and say which; none interrupts a callback of the loop."""
+    """Serve until a signal comes, and return it; none interrupts a callback of the loop."""
     loop = asyncio.get_running_loop()
     ended: asyncio.Future[int] = loop.create_future()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -85,10 +85,10 @@ async def _serve(server: Server, as_json: bool) -> int:
             print_json({**server.ports, "terminal": server.terminal})
         else:
             where = server.wires.host
-            say(f"commands: {where}:{server.ports['command']}")
-            say(f"frames: {where}:{server.ports['stream']}")
+            print_line(f"commands: {where}:{server.ports['command']}")
+            print_line(f"frames: {where}:{server.ports['stream']}")
             if server.terminal:
-                say(f"terminal: {server.terminal}")
+                print_line(f"terminal: {server.terminal}")
         sys.stdout.flush()
         # the table runs on until a signal comes, or an error that the end of the context raises
         either: list[asyncio.Future[Any]] = [ended, server.running]

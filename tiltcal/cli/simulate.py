@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from tiltcal.api.simulating import pieces_of, seed_used, truth_table
 from tiltcal.cli.options import DEFAULT_BUDGET, SEED, Json, MoreBudget, ScenarioFile
-from tiltcal.cli.output import print_json, progress_line, require_output, stdout_bytes, tell
+from tiltcal.cli.output import print_json, print_note, progress_line, require_output, stdout_bytes
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import replacing, write_json
 from tiltcal.effects.base import Effect
@@ -71,18 +71,18 @@ def simulate(
                 write_json(truth_file, truth_table(scenario, used))
             _write(pieces, output, as_json)
     if replayed is not None and replayed.temperature() is None:
-        _tell_of_temperature(scenario.effects, replayed.source)
+        _note_temperature(scenario.effects, replayed.source)
     return 0
 
 
-def _tell_of_temperature(effects: Sequence[Effect], motion: str) -> None:
-    """Say which effects a recording without temperatures leaves out."""
+def _note_temperature(effects: Sequence[Effect], motion: str) -> None:
+    """Note which effects a recording without temperatures leaves out."""
     learned = [e for e in effects if isinstance(e, Learned)]
     curves = [e for e in learned if "temperature" in (e.coordinate, e.times)]
     following = [e for e in effects if e.needs == "temperature"] + curves
     if following:
         ids = ", ".join(dict.fromkeys(e.id for e in following))
-        tell(f"{motion}: no column temperature_degC, so nothing is predicted of {ids}")
+        print_note(f"{motion}: no column temperature_degC, so nothing is predicted of {ids}")
 
 
 def _require_different(files: Mapping[str, Path | None]) -> None:
@@ -114,4 +114,4 @@ def _write(pieces: Iterator[Recording], output: Path | None, as_json: bool) -> N
     if as_json:
         print_json({"recording": str(output), "rows": rows, "duration_s": float(last - first)})
     else:
-        tell(f"{output}: {rows} rows, {last - first:.6g} s")
+        print_note(f"{output}: {rows} rows, {last - first:.6g} s")

@@ -1,9 +1,9 @@
 """The verdict of a calibration that a command uses."""
 
 from tiltcal.calibration.result import Calibration
-from tiltcal.cli.output import tell
+from tiltcal.cli.output import print_note
 
 
 def print_verdict(calibration: Calibration) -> None:
     """Print the verdict with the tests that failed, to stderr."""
-    tell(calibration.headline())
+    print_note(calibration.headline())

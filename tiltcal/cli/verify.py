@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from tiltcal.api.simulating import simulator
 from tiltcal.cli.options import DEFAULT_BUDGET, AllowCommands, EngineName, Jobs, Json, MoreBudget
-from tiltcal.cli.output import paragraph, print_json, print_table, progress_line, say
+from tiltcal.cli.output import paragraph, print_json, print_line, print_table, progress_line
 from tiltcal.core.assets import folder as assets
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import claimed, make_folder
@@ -263,6 +263,6 @@ def finish(
             print_runs(verification.results[0])
         print_verification(verification)
         if output:
-            say(f"runs: {output / 'runs.parquet'} and runs.csv")
-            say(f"report: {output / 'report.html'}")
+            print_line(f"runs: {output / 'runs.parquet'} and runs.csv")
+            print_line(f"report: {output / 'report.html'}")
     return 0 if verification.accepted else 1

@@ -9,10 +9,10 @@ from cyclopts import Parameter
 
 from tiltcal.api.table_scene import stage
 from tiltcal.cli.options import Json, between
-from tiltcal.cli.output import print_json, progress_line, tell
+from tiltcal.cli.output import print_json, print_note, progress_line
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.progress import Rate, told_each
+from tiltcal.core.progress import Rate, report_each
 from tiltcal.core.units import unit_sign
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
@@ -46,7 +46,8 @@ class Shown:
     """What is played.
 
     Args:
-        setup: of the table; drive: at the instants that are shown.
+        setup: site, table and sensors.
+        drive: of the table, at the instants that are shown.
         speed: how much faster than it was.
     """
 
@@ -58,12 +59,12 @@ class Shown:
     def labels(self) -> list[str]:
         """Time and angles at each instant."""
         table = self.setup.rig.kind
-        positions = {
+        formats = {
             f"{name} {{:.1f}}{unit_sign(table.unit(name))}": np.asarray(jet.x) / table.size(name)
             for name, jet in self.drive.axes.items()
         }
         return [
-            ", ".join([f"{t:.1f} s", *(message.format(a[k]) for message, a in positions.items())])
+            ", ".join([f"{t:.1f} s", *(form.format(a[k]) for form, a in formats.items())])
             for k, t in enumerate(self.drive.elapsed)
         ]
 
@@ -87,7 +88,7 @@ def view(
     """
     shown = _shown(file, scenario, seconds, PLAYED_HZ)
     write_scene(output, stage().scene(shown.setup, shown.drive), shown.labels, PLAYED_HZ)
-    _told(output, shown, len(shown.labels), as_json)
+    _print_result(output, shown, len(shown.labels), as_json)
     return 0
 
 
@@ -111,17 +112,17 @@ def film(
     with progress_line() as progress:
         rate = Rate(len(shown.labels), "pictures")
         pictures = stage().pictures(shown.setup, shown.drive, *FILM)
-        drawn = told_each(pictures, rate, progress)
+        drawn = report_each(pictures, rate, progress)
         count = write_film(output, drawn, *FILM, FILMED_HZ)
-    _told(output, shown, count, as_json)
+    _print_result(output, shown, count, as_json)
     return 0
 
 
-def _told(output: Path, shown: Shown, count: int, as_json: bool) -> None:
+def _print_result(output: Path, shown: Shown, count: int, as_json: bool) -> None:
     if as_json:
         print_json({"written": str(output), "instants": count, "speed": shown.speed})
     else:
-        tell(f"{output}: {count} instants, {shown.speed:.3g} times as fast")
+        print_note(f"{output}: {count} instants, {shown.speed:.3g} times as fast")
 
 
 def _shown(file: Path, scenario: Path | None, seconds: float, rate_hz: int) -> Shown:

@@ -1,3 +1,3 @@
-"""Constants and units, sign conventions, array types, the users' error, files, progress, rounding
-codes.
+"""Constants and units, sign conventions, array types, the users' error, files, progress,
+quantisation.
 """

@@ -1,4 +1,4 @@
-"""Where the models and scenarios lie: inside an installed package, or next to it in a checkout."""
+"""Folders of the models and scenarios: inside an installed package, or next to it in a checkout."""
 
 from pathlib import Path
 
@@ -9,12 +9,12 @@ def folder(name: str) -> Path:
     """The folder ``models`` or ``scenarios`` of this installation.
 
     Raises:
-        TiltcalError: it is in neither place.
+        TiltcalError: neither has it.
     """
     package = Path(__file__).resolve().parents[1]
-    for position in (package / name, package.parent / name):
-        if position.is_dir():
-            return position
+    for path in (package / name, package.parent / name):
+        if path.is_dir():
+            return path
     raise TiltcalError(
         f"installation in {package}",
         found=f"no folder '{name}'",
@@ -23,7 +23,7 @@ def folder(name: str) -> Path:
     )
 
 
-def beside(name: str) -> Path | None:
+def checkout_folder(name: str) -> Path | None:
     """A folder of the source checkout this package runs from; None where it is installed by
     itself.
     """

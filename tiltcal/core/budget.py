@@ -80,7 +80,9 @@ def require_within(
 
     Args:
         subject: whose work it is, for the message.
-        rows: of a recording. size: bytes in memory at the same time. seconds: of computing.
+        rows: of a recording.
+        size: bytes in memory at the same time.
+        seconds: of computing.
         less: how to ask for less, as an imperative.
 
     Raises:

@@ -43,9 +43,9 @@ def one_of(token: str, valid: Collection[str], subject: str, what: str = "") -> 
 
     Args:
         token: as the user wrote it.
-        valid: what may stand there.
-        subject: where it stands.
-        what: what kind of word it is, when the subject does not say so.
+        valid: valid entries.
+        subject: file and key of the entry.
+        what: kind of the entry, when the subject does not state it.
 
     Raises:
         TiltcalError: it is none of them.
@@ -62,7 +62,7 @@ def one_of(token: str, valid: Collection[str], subject: str, what: str = "") -> 
 
 
 def nearest(token: str, valid: list[str]) -> str:
-    """A hint ``did you mean ...`` with the nearest valid word, or the list of all when none is
+    """A hint ``did you mean ...`` with the nearest valid entry, or the list of all when none is
     near.
     """
     close = _near(token, valid)
@@ -73,5 +73,5 @@ def _near(token: str, valid: list[str]) -> list[str]:
     import difflib
 
     close = difflib.get_close_matches(token, valid, n=1, cutoff=0.5)
-    # a word's beginning often survives
+    # the first letters are often right
     return close or [v for v in valid if token[:4] and v.startswith(token[:4])][:1]

@@ -10,7 +10,7 @@ Kind = TypeVar("Kind")
 
 
 def load(group: str) -> list[tuple[str, Any]]:
-    """What each entry point of a group names, by the words for it in messages.
+    """Target of each entry point of a group, with its description for messages.
 
     Raises:
         TiltcalError: one does not import.
@@ -35,12 +35,13 @@ def load(group: str) -> list[tuple[str, Any]]:
 def members(
     group: str, valid: Callable[[Any], bool], what: str, within: Callable[[ModuleType], list[Kind]]
 ) -> Iterable[tuple[str, Kind]]:
-    """Everything that the entry points of a group bring, each with the words for its entry point.
+    """Everything that the entry points of a group bring, each with the description of its entry
+    point.
 
     Args:
         group: of the entry points. Each names one thing, a sequence of them, or a module.
         valid: whether something is what the group is for.
-        what: its name, for messages.
+        what: name of the group, for messages.
         within: what a module brings.
 
     Raises:

@@ -59,7 +59,7 @@ def replacing(path: Path) -> Iterator[Path]:
         TiltcalError: the file cannot be written.
     """
     path = require_writable(Path(path))
-    # of a name of its own length: one that is as long as names may be has no room for more; and
+    # of a name of its own length: one of the greatest length cannot be extended; and
     # absolute: libraries take `x:y` for an address
     temporary = path.absolute().with_name(f"{TEMPORARY}{secrets.token_hex(8)}{path.suffix[:20]}")
     _unfinished.add(temporary)
@@ -181,13 +181,13 @@ def make_folder(path: Path) -> Path:
 @contextmanager
 def claimed(folder: Path | None) -> Iterator[None]:
     """Hold a folder, made if there is none, so that no second run writes into it; a folder that
-    was made here and is still empty goes again. None: nothing to hold.
+    was made here and is still empty goes again. None: no lock.
 
-    The hold is one of the operating system on the folder itself: it leaves no file, and ends with
-    the process however that ends. Where the system has none, nothing is held.
+    The lock is one of the operating system on the folder itself: it leaves no file, and ends with
+    the process however that ends. Where the system has none, nothing is locked.
 
     Raises:
-        TiltcalError: another run holds it, or it cannot be made.
+        TiltcalError: another run has claimed it, or it cannot be made.
     """
     if folder is None:
         yield
@@ -205,10 +205,10 @@ def claimed(folder: Path | None) -> Iterator[None]:
 
 
 def _held(folder: Path) -> int | None:
-    """The folder opened and held."""
+    """The folder, opened and locked."""
     try:
         from fcntl import LOCK_EX, LOCK_NB, flock
-    except ImportError:  # no such holds here
+    except ImportError:  # no file locks on this system
         return None
     handle = os.open(folder, os.O_RDONLY)
     try:
@@ -221,7 +221,7 @@ def _held(folder: Path) -> int | None:
             need="a folder for each run",
             do="wait for that run, or choose another folder",
         ) from error
-    except OSError:  # a file system without holds
+    except OSError:  # a file system without locks
         os.close(handle)
         return None
     return handle

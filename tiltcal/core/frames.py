@@ -115,14 +115,21 @@ def parse_up(label: str) -> Array | None:
 
 def tilt_of_force(force: Array, g: float) -> Array:
     """Elevation of body axes above the horizontal plane, ``asin(f / g)``, rad. Beyond +-g it stays
-    at +-90 deg. force: m/s2, (n,).
+    at +-90 deg.
+
+    Args:
+        force: specific force, m/s2, (n,).
+        g: gravity, m/s2.
     """
     return np.asarray(np.arcsin(np.clip(force / g, -1.0, 1.0)))
 
 
 def force_of_tilt(tilt: Array, g: float) -> Array:
-    """Specific force along an axis of elevation ``tilt`` (rad): ``g sin(tilt)``. tilt: (n,);
-    m/s2.
+    """Specific force along an axis of elevation ``tilt`` (rad), m/s2: ``g sin(tilt)``.
+
+    Args:
+        tilt: elevation, rad, (n,).
+        g: gravity, m/s2.
     """
     return np.asarray(g * np.sin(tilt))
 

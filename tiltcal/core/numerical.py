@@ -1,4 +1,4 @@
-"""Numerical failure, told in one way: the data do not determine what is asked of them."""
+"""Numerical failure as one error: the data do not determine what is asked of them."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -49,7 +49,7 @@ def one_thread() -> Iterator[None]:
     """Linear algebra on one thread: for thousands of small matrices threads cost more time than
     they save.
     """
-    import scipy.linalg  # noqa: F401  # so that there is a library to tell
+    import scipy.linalg  # noqa: F401  # threadpoolctl limits loaded libraries only
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):

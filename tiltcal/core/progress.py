@@ -1,4 +1,4 @@
-"""Telling what a long run is doing, as text, with the time left."""
+"""Progress of a long run, as text, with the time left."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
@@ -8,15 +8,15 @@ T = TypeVar("T")
 S = TypeVar("S", bound=Sized)
 Progress = Callable[[str], None]
 Part = Callable[[float], None]
-"""Is told what part of some work is done, 0 to 1."""
+"""Callback, called with the share of some work that is done, 0 to 1."""
 
 
 def silent(text: str) -> None:
-    """Tell nobody."""
+    """Report nothing."""
 
 
 def unmeasured(done: float) -> None:
-    """Tell nobody how much is done."""
+    """Report no share."""
 
 
 def duration(seconds: float) -> str:
@@ -31,7 +31,7 @@ class Rate:
 
     Args:
         total: of tasks.
-        unit: what they are called.
+        unit: name of a task, in the plural.
     """
 
     def __init__(self, total: int, unit: str = "runs") -> None:
@@ -39,11 +39,11 @@ class Rate:
         self._total, self._unit, self._start = total, unit, time.monotonic()
 
     def after_one(self, had: int = 0) -> str:
-        """Words after one more task; ``had``: tasks that were finished before."""
+        """Text after one more task; ``had``: tasks that were finished before."""
         return self.after(self.made + 1, had)
 
     def after(self, made: int, had: int = 0) -> str:
-        """Words after ``made`` tasks; ``had``: tasks that were finished before."""
+        """Text after ``made`` tasks; ``had``: tasks that were finished before."""
         self.made = made
         done = had + made
         if not made:
@@ -54,23 +54,23 @@ class Rate:
         return f"{done} of {self._total} {self._unit}, {pace} a second, {duration(left)} left"
 
 
-def told_each(items: Iterable[T], rate: Rate, progress: Progress) -> Iterator[T]:
-    """The same items; each one that was taken is told, with the rate and the time left."""
+def report_each(items: Iterable[T], rate: Rate, progress: Progress) -> Iterator[T]:
+    """The same items; each one that was taken is reported, with the rate and the time left."""
     for item in items:
         yield item
         progress(rate.after_one())
 
 
-def told_pieces(
+def report_pieces(
     pieces: Iterable[S], total: int, progress: Progress, unit: str = "rows"
 ) -> Iterator[S]:
-    """The same pieces; before each but the first it is told how much was taken, with the rate and
+    """The same pieces; before each but the first the amount taken is reported, with the rate and
     the time left.
 
     Args:
-        pieces: of a recording, say; their lengths add up to about ``total``.
+        pieces: for example of a recording; their lengths add up to about ``total``.
         total: as far as it is known before.
-        progress: is told the words.
+        progress: callback for the text.
         unit: what the lengths count.
     """
     rate, taken = Rate(total, unit), 0
@@ -84,12 +84,12 @@ def told_pieces(
 class Stages:
     """Progress of work in stages, with the time left, by the usual share of each stage.
 
-    A stage that tells its parts is extrapolated from them. One that cannot know how long it takes
-    is expected to take its share; when that time is over, the time left is a lower bound and said
-    to be one.
+    A stage that reports its parts is extrapolated from them. One that cannot know how long it takes
+    is expected to take its share; when that time is over, the time left is a lower bound, shown as
+    one.
 
     Args:
-        progress: is told the words.
+        progress: callback for the text.
         shares: of the time that each stage usually takes, by its name, in order. Any scale.
     """
 
@@ -103,19 +103,21 @@ class Stages:
         """A stage begins; those before it are over. ``name``: a key of the shares."""
         self._stage = self._names.index(name)
         self._part, self._detail, self._began = 0.0, "", time.monotonic()
-        self._tell()
+        self._report()
 
     def part(self, done: float) -> None:
         """A part of the stage is done, 0 to 1."""
         self._part = done
-        self._tell()
+        self._report()
 
     def status(self, detail: str) -> None:
-        """The stage goes on; how much of it is done is not known. ``detail``: what was reached."""
+        """The stage continues; the share of it that is done is not known. ``detail``: what was
+        reached.
+        """
         self._detail = detail
-        self._tell()
+        self._report()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         name = self._names[self._stage]
         text = f"{name} ({self._detail})" if self._detail else name
         left = self._left()

@@ -4,10 +4,10 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 
-LEAST = 16  # different steps that tell a grid
+LEAST = 16  # different steps that determine a grid
 
 
-def code_width(column: Array) -> float:
+def lsb_width(column: Array) -> float:
     """The smallest step between successive samples, in the column's unit; 0 when it never changes.
     (n,)
     """
@@ -16,12 +16,15 @@ def code_width(column: Array) -> float:
     return float(steps.min()) if len(steps) else 0.0
 
 
-def code_grid(column: Array) -> float | None:
-    """The code that all values of a column are whole multiples apart of, in its unit; None where
-    there is no such grid. column: (n,).
+def lsb_grid(column: Array) -> float | None:
+    """LSB of a column, in its unit: all values are whole multiples of it apart; None where there is
+    no such grid.
 
     A text file rounds LSBs of a converter to its own digits, so the smallest step is refined by
     larger and larger ones.
+
+    Args:
+        column: (n,).
     """
     steps = np.abs(np.diff(column))
     steps = steps[steps > 0]

@@ -18,7 +18,7 @@ SHOWN = 8  # rows that a notebook shows of a longer table
 class Tabular:
     """A result whose content is a table.
 
-    A subclass states ``as_columns`` and, where the rows do not say all, ``headline``.
+    A subclass states ``as_columns`` and, where the rows do not state all, ``headline``.
     """
 
     def as_columns(self) -> Mapping[str, Column]:
@@ -26,7 +26,7 @@ class Tabular:
         raise NotImplementedError
 
     def headline(self) -> str:
-        """One line for what the rows do not say."""
+        """One line for what the rows do not state."""
         return type(self).__name__
 
     def to_arrow(self) -> "pa.Table":

@@ -1,3 +1,3 @@
-"""Designing sequences: the poses, dwells and order that tell most about the parameters of interest
-per table time.
+"""Designing sequences: the poses, dwells and order with the most information on the parameters of
+interest per table time.
 """

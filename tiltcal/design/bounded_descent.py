@@ -24,8 +24,13 @@ Function = Callable[[Array], tuple[float, Array]]
 
 
 def minimise(function: Function, start: Array, low: Array, high: Array, iterations: int) -> Array:
-    """The best point found. function: value and gradient; low, high: bounds, (n,). start: in the
-    units of the function.
+    """The best point found.
+
+    Args:
+        function: value and gradient.
+        low, high: bounds, (n,).
+        start: in the units of the function.
+        iterations: largest number of iterations.
     """
     x = np.clip(start, low, high)
     value, gradient = function(x)

@@ -80,7 +80,11 @@ def planes(step: int, table: Table = DUAL) -> Array:
 
 def angles_of(up: Array, table: Table) -> Array:
     """Angles of the axes that tilt, for directions of up on a straight mount, rad, (n, tilting
-    axes). up: (n, 3).
+    axes).
+
+    Args:
+        up: (n, 3).
+        table: table that takes the poses.
     """
     found = [table_angles(Rig(table=table.name), u, 0, "classic sequence") for u in up]
     return np.array(found)[:, -len(table.tilting) :]
@@ -119,7 +123,7 @@ def baseline(problem: Problem, name: str, table: Table = DUAL) -> Draft:
 
 
 def _lengths(problem: Problem, cycle: Array) -> Iterator[Array]:
-    """The cycle repeated and cut to every number of poses that the budget holds."""
+    """The cycle repeated and cut to every number of poses that fits the budget."""
     if len(cycle) == 0:
         return
     clock = problem.clock

@@ -1,16 +1,11 @@
 """How good an information matrix is, and the slope of that in every element. All in nats, larger is
 better.
 
-==========
-======================================================================================================
-``D``       gain of 1/2 log det of the information on the parameters of interest over the prior,
-nuisances fitted
-``A``       (p/2) log of the reciprocal of the mean posterior variance, in units of the prior
-``I``       the same of the mean square tilt error over the working range (``tilt`` is another word
-for it)
-``both``    the mean of D and I: near the best of either, the default
-==========
-======================================================================================================
+- ``D``: gain of 1/2 log det of the information on the parameters of interest over the prior,
+  nuisances fitted.
+- ``A``: (p/2) log of the reciprocal of the mean posterior variance, in units of the prior.
+- ``I``: the same of the mean square tilt error over the working range (``tilt`` is a synonym).
+- ``both``: the mean of D and I: near the best of either, the default.
 """
 
 import numpy as np
@@ -23,7 +18,11 @@ CRITERIA = ("both", "tilt", "D", "A", "I")
 
 def gain(information: Array, interest: Mask) -> float:
     """Nats gained on the parameters of interest, the others fitted: 1/2 log det of their marginal
-    information. information: (p, p); interest: (p,).
+    information.
+
+    Args:
+        information: (p, p).
+        interest: (p,).
     """
     whole = np.linalg.slogdet(information)[1]
     return float(whole - np.linalg.slogdet(information[np.ix_(~interest, ~interest)])[1]) / 2

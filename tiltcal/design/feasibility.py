@@ -8,7 +8,7 @@ from tiltcal.core.units import DEG
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.pose_grids import grid, spread
 
-TOLD = 0.9  # posterior over prior that counts as separated, when noise is no limit
+DETERMINED = 0.9  # posterior over prior that counts as separated, when noise is no limit
 QUIET = 1e6  # how much quieter than real the instrument is when only the poses are judged
 GRID = 15 * DEG
 GRID_AXES, SPREAD = 3, 24**3  # most axes of the grid, and poses that stand for those of more
@@ -17,12 +17,12 @@ GRID_AXES, SPREAD = 3, 24**3  # most axes of the grid, and poses that stand for 
 def check_possible(
     problem: Problem, axes: tuple[str, ...], everything: bool = False
 ) -> tuple[str, ...]:
-    """Refuse what cannot be had; with ``everything`` wished for at once, the names of what will not
-    be told.
+    """Refuse what cannot be had; with ``everything`` wished for at once, the names of what will
+    stay undetermined.
 
     Raises:
-        TiltcalError: the budget is shorter than one pose; or a parameter of interest is not told by
-            any set of poses, or not by those that the table's limits allow.
+        TiltcalError: the budget is shorter than one pose; or a parameter of interest is not
+            determined by any set of poses, or not by those that the table's limits allow.
     """
     clock = problem.clock
     least = clock.settle + clock.shortest
@@ -37,26 +37,28 @@ def check_possible(
             do="allow more table time",
         )
     model = problem.model
-    free = _untold(problem, every_pose(problem, limited=False))
+    free = _undetermined(problem, every_pose(problem, limited=False))
     if everything:
-        return tuple(model.names[i] for i in _untold(problem, every_pose(problem, limited=True)))
+        return tuple(
+            model.names[i] for i in _undetermined(problem, every_pose(problem, limited=True))
+        )
     if len(free):
         _refuse(
             model.names[free[0]],
             len(free),
-            "no set of poses tells it from the other terms",
+            "no set of poses separates it from the other terms",
             "leave it out, or name as --nuisance what it is confused with",
         )
-    held = _untold(problem, every_pose(problem, limited=True))
+    held = _undetermined(problem, every_pose(problem, limited=True))
     if len(held):
         where = needed_pose(problem, int(held[0]))
-        message = ", ".join(
+        angles = ", ".join(
             f"{name} {a / DEG:+.0f} deg" for name, a in zip(axes, where, strict=True)
         )
         _refuse(
             model.names[held[0]],
             len(held),
-            f"within the allowed angles nothing tells it; it needs poses such as {message}",
+            f"no pose within the allowed angles determines it; it needs poses such as {angles}",
             "widen --angles",
         )
     return ()
@@ -65,7 +67,7 @@ def check_possible(
 def _refuse(name: str, count: int, found: str, do: str) -> None:
     more = f" (and {count - 1} more)" if count > 1 else ""
     raise TiltcalError(
-        f"design, {name}{more}", found=found, need="a sequence that can tell it", do=do
+        f"design, {name}{more}", found=found, need="a sequence that can determine it", do=do
     )
 
 
@@ -79,7 +81,7 @@ def every_pose(problem: Problem, limited: bool) -> Array:
     return grid(limits, GRID, 0.03) if len(limits) <= GRID_AXES else spread(limits, SPREAD)
 
 
-def _untold(problem: Problem, angles: Array) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":
+def _undetermined(problem: Problem, angles: Array) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":
     """Parameters of interest that all these poses, read by a nearly noiseless instrument, leave as
     they were.
     """
@@ -90,9 +92,9 @@ def _untold(problem: Problem, angles: Array) -> "np.ndarray[tuple[int], np.dtype
     flat = rows.reshape(-1, len(model.names))
     values, vectors = np.linalg.eigh(flat.T @ flat)
     seen = values > 1e-9 * values[-1]
-    # share of each parameter that lies where the data say nothing
+    # share of each parameter in directions without information
     left = 1 - (vectors[:, seen] ** 2).sum(axis=1)
-    return np.flatnonzero((left > 1 - TOLD**2) & model.interest)
+    return np.flatnonzero((left > 1 - DETERMINED**2) & model.interest)
 
 
 def needed_pose(problem: Problem, index: int) -> Array:

@@ -27,7 +27,8 @@ class Draft:
     """A sequence during the search.
 
     Args:
-        angles: rad, (n, axes); z: logarithmic shares of the free time, (n,).
+        angles: rad, (n, axes).
+        z: logarithmic shares of the free time, (n,).
         value: the criterion, nats.
     """
 
@@ -41,7 +42,9 @@ class Problem:
     """What is to be designed.
 
     Args:
-        model: what poses tell; clock: what they cost; criterion: what is wanted.
+        model: information of poses.
+        clock: table time of poses.
+        criterion: figure of merit, a name of ``criteria``.
     """
 
     model: Model
@@ -52,8 +55,11 @@ class Problem:
         one_of(self.criterion, CRITERIA, "criterion")
 
     def dwells(self, angles: Array, z: Array) -> Array:
-        """Seconds of each dwell: the free time shared out, none beyond the longest, (n,). angles:
-        rad, (n, axes); z: shares before the softmax, (n,).
+        """Seconds of each dwell: the free time shared out, none beyond the longest, (n,).
+
+        Args:
+            angles: rad, (n, axes).
+            z: shares before the softmax, (n,).
         """
         share = np.exp(z - z.max())
         dwell = (
@@ -69,14 +75,20 @@ class Problem:
         return self.clock.shortened(angles, np.minimum(dwell, self.clock.longest))
 
     def information(self, angles: Array, dwell: Array) -> Array:
-        """Information of a sequence with its true table times, (p, p). angles: rad, (n, axes);
-        dwell: s, (n,).
+        """Information of a sequence with its true table times, (p, p).
+
+        Args:
+            angles: rad, (n, axes).
+            dwell: s, (n,).
         """
         return self.model.information(angles, dwell, self.clock.middles(angles, dwell))
 
     def rated(self, angles: Array, z: Array) -> Draft:
-        """A draft with its true value; minus infinity where the moves alone overrun. angles: rad,
-        (n, axes); z: shares before the softmax, (n,).
+        """A draft with its true value; minus infinity where the moves alone overrun.
+
+        Args:
+            angles: rad, (n, axes).
+            z: shares before the softmax, (n,).
         """
         if float(self.clock.spare(angles)) < 0:
             return Draft(angles, z)

@@ -2,9 +2,9 @@
 tie-breakers.
 
 lambda: energy of an effect's signature over noise at its plausible size, after the adjustable terms
-are re-fitted; separated lambda: the energy left after one rival is re-tuned too. Two effects that
-leave less than SEPARABLE of each other are in one class
-(docs/physics.md, "What is confused with what").
+are re-fitted; separated lambda: the energy left after one alternative is re-tuned too. Two effects
+that leave less than SEPARABLE of each other are in one class (docs/physics.md, "What is confused
+with what").
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
-from tiltcal.design.recording_blocks import WORDS, said
+from tiltcal.design.recording_blocks import DESCRIPTIONS, describe_block
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.sensor.noise import Noise
 from tiltcal.forward.jacobian import Column, gram, rows_of, sensitivity
@@ -27,16 +27,16 @@ SEPARABLE = 12.0  # separated non-centrality below which two explanations cannot
 BLIND = 1e-3  # share of a signature below which nothing is left of it
 
 STAGE_BREAKERS = {
-    frozenset({"table", "sensor"}): said("remount"),
-    frozenset({"table", "mount"}): said("remount"),
+    frozenset({"table", "sensor"}): describe_block("remount"),
+    frozenset({"table", "mount"}): describe_block("remount"),
     frozenset(
         {"environment", "sensor"}
     ): "turn the table by 90 deg: what is fixed in the world stays, what is in the sensor turns",
     frozenset(
         {"mount", "sensor"}
     ): "load another axis: a rotation of the mount leaves the norm unchanged",
-    frozenset({"table"}): said("reverse"),
-    frozenset({"sensor"}): said("tumble"),
+    frozenset({"table"}): describe_block("reverse"),
+    frozenset({"sensor"}): describe_block("tumble"),
 }
 
 
@@ -51,7 +51,7 @@ class ParameterVisibility:
         detectable: size found with 80 % power at 0.1 % false alarm, in the column's unit; inf when
             nothing is left.
         unique: share of its amplitude that no other effect together can take.
-        rivals: labels that cannot be separated from it, with their cosine.
+        alternatives: labels that cannot be separated from it, with their cosine.
     """
 
     column: Column
@@ -59,7 +59,7 @@ class ParameterVisibility:
     lambda_: float
     detectable: float
     unique: float
-    rivals: tuple[tuple[str, float], ...]
+    alternatives: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,8 @@ class Confusion:
 
     Args:
         sights: one a parameter.
-        rank: of all signatures that are visible; visible: how many are.
+        rank: of all signatures that are visible.
+        visible: how many are.
         samples: rows it stands for.
     """
 
@@ -123,11 +124,16 @@ def confusion(
         energy = float(norms[i] ** 2 * left[i])
         visible = bool(seen[i])
         detectable = c.size * float(np.sqrt(POWER / energy)) if visible else float("inf")
-        rivals = _rivals(columns, P, norms, seen, i) if visible else ()
+        alternatives = _alternatives(columns, P, norms, seen, i) if visible else ()
         absorbed = float(1 - left[i]) if norms[i] > 1e-3 else 0.0
         sights.append(
             ParameterVisibility(
-                c, absorbed, energy if visible else 0.0, detectable, float(uniqueness[i]), rivals
+                c,
+                absorbed,
+                energy if visible else 0.0,
+                detectable,
+                float(uniqueness[i]),
+                alternatives,
             )
         )
     visible_C = C[np.ix_(norms > 1e-3, norms > 1e-3)]
@@ -162,7 +168,7 @@ def _unique(P: Array, seen: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> Arr
     return found
 
 
-def _rivals(
+def _alternatives(
     columns: Sequence[Column],
     P: Array,
     norms: Array,
@@ -187,27 +193,27 @@ def _rivals(
 
 
 def classes(found: Confusion) -> list[tuple[str, ...]]:
-    """Groups of effect ids whose members are mutual rivals, largest first; effects alone in theirs
-    are left out.
+    """Groups of effect ids whose members are mutual alternatives, largest first; effects alone in
+    theirs are left out.
     """
     links: dict[str, set[str]] = {}
     for sight in found.sights:
-        for label, _ in sight.rivals:
+        for label, _ in sight.alternatives:
             links.setdefault(sight.column.effect, set()).add(label.split("[")[0].split(".")[0])
     groups = {tuple(sorted({id, *others})) for id, others in links.items() if others - {id}}
     return sorted(groups, key=lambda g: (-len(g), g))
 
 
 def tie_breaker(first: str, second: str) -> str:
-    """What to record to split two rivals."""
+    """What to record to separate two effects."""
     one, other = CATALOGUE[first], CATALOGUE[second]
     known = one.distinguished_by.get(second) or other.distinguished_by.get(first)
     if known is not None:
-        return said(known) if known in WORDS else known
-    return STAGE_BREAKERS.get(frozenset({one.stage, other.stage}), said("repeat"))
+        return describe_block(known) if known in DESCRIPTIONS else known
+    return STAGE_BREAKERS.get(frozenset({one.stage, other.stage}), describe_block("repeat"))
 
 
-def nearest_rivals(id: str, count: int = 6) -> list[tuple[str, float]]:
+def most_similar_effects(id: str, count: int = 6) -> list[tuple[str, float]]:
     """The effects whose signatures are nearest to one's on the catalogue's own sequences, with
     |cosine|, largest first.
 

@@ -67,10 +67,14 @@ def most_log_det(field: Field, rounds: int = 200) -> float:
 
 
 def best_weights(field: Field, references: Array, rounds: int = 300) -> Array:
-    """Weights with the greatest least share. references: most of each effect, (effects,); the
-    weights, (n,).
+    """Weights with the greatest least share, (n,).
 
     Multiplicative ascent of the mix of effects that a soft minimum picks, ever sharper.
+
+    Args:
+        field: information of the poses.
+        references: most energy of each effect, (effects,).
+        rounds: number of iterations.
     """
     n = len(field.F)
     w = np.full(n, 1 / n)
@@ -91,13 +95,15 @@ def certified(
     field: Field, references: Array, best: Array, planes: int = CUTS, log_det: float | None = None
 ) -> tuple[float, float]:
     """The greatest least share found, and what no weights can pass, by cutting planes (Kelley
-    1960). references: (effects,); best: (n,).
+    1960).
 
     Terms fitted with other weights v leave at least the energy that the best terms leave, so that
     share_e(w) <= sum_x w(x) r_e(x; v) for all w and v, and log det is concave. Each round solves a
     linear programme over w and takes v between its solution and the best weights so far.
 
     Args:
+        references: (effects,).
+        best: (n,).
         field: of all poses.
         references: most of each effect.
         best: weights to start from.
@@ -162,11 +168,12 @@ class MaxMin:
     Args:
         seen: the effects.
         angles: rad, (n, axes), in the order of visiting.
-        shares: of each effect of ``seen``; efficiency: D, of the linear terms, over the most on the
-            grid.
+        shares: of each effect of ``seen``.
+        efficiency: D, of the linear terms, over the most on the grid.
         bounds: on the least share of any design, and of those that keep the ``REQUIRED`` share of
             the D-efficiency.
-        references: most energy a pose of each effect; reference_gap: how far off they are at most.
+        references: most energy a pose of each effect.
+        reference_gap: how far off they are at most.
         in_order: share of each effect that only the order shows.
     """
 
@@ -196,8 +203,10 @@ class Goal:
         return np.asarray(energy / self.references)
 
     def efficiency(self, angles: Array) -> float:
-        """D-efficiency of the linear terms: det(F'F / n)^(1/q) over the most. angles: rad, (n,
-        axes).
+        """D-efficiency of the linear terms: det(F'F / n)^(1/q) over the most.
+
+        Args:
+            angles: rad, (n, axes).
         """
         return float(np.exp(Field(self.seen, angles).log_det(_even(angles))[0] - self.log_det))
 
@@ -284,7 +293,7 @@ def goal_of(seen: Signatures, field: Field, part: Part = unmeasured) -> tuple[Go
     Args:
         seen: the effects.
         field: of all poses of the grid.
-        part: is told what part of the effects is done.
+        part: callback, called with the share of the effects that is done.
     """
     found = []
     for k in range(len(seen.names)):
@@ -296,8 +305,13 @@ def goal_of(seen: Signatures, field: Field, part: Part = unmeasured) -> tuple[Go
 
 
 def climbed(angles: Array, goal: Goal, clock: Clock, iterations: int) -> Array:
-    """The poses after ascent of the soft minimum of the shares, the linear terms kept. angles: rad,
-    (n, axes).
+    """The poses after ascent of the soft minimum of the shares, the linear terms kept.
+
+    Args:
+        angles: rad, (n, axes).
+        goal: effects, with the references.
+        clock: table time of poses.
+        iterations: number of iterations.
     """
     n, axes = angles.shape
     bounds = [pair or (-np.inf, np.inf) for pair in clock.limits]

@@ -44,8 +44,10 @@ class Model:
     axes: int = 2
 
     def weights(self, dwell: Array) -> Array:
-        """1 / variance of the mean of each channel over a dwell, (..., n, k). dwell: s, (...,
-        n).
+        """1 / variance of the mean of each channel over a dwell, (..., n, k).
+
+        Args:
+            dwell: s, (..., n).
         """
         return np.asarray(1 / (self.white**2 / dwell[..., None] + self.floor**2))
 

@@ -49,7 +49,8 @@ class Plan:
 
     Args:
         problem: what it was designed for.
-        angles: rad, (n, axes); dwell: s of reading at each pose, (n,).
+        angles: rad, (n, axes).
+        dwell: s of reading at each pose, (n,).
         axes: names of the table's axes.
         baselines: forecast of each classic sequence with the same budget.
     """
@@ -102,7 +103,13 @@ class Plan:
 
 
 def forecast(problem: Problem, angles: Array, dwell: Array) -> Forecast:
-    """Expected results of a sequence. angles: rad, (n, axes); dwell: s, (n,)."""
+    """Expected results of a sequence.
+
+    Args:
+        problem: model, clock and criterion.
+        angles: rad, (n, axes).
+        dwell: s, (n,).
+    """
     model = problem.model
     information = problem.information(angles, dwell)
     covariance = np.linalg.inv(information) * np.outer(model.prior, model.prior)
@@ -128,10 +135,10 @@ def design(
 
     Args:
         problem: model, clock and criterion.
-        table: whose axes are moved, and whose classic sequences are the baselines.
+        table: table that moves; its classic sequences are the baselines.
         seed: of the search: the same gives the same design.
         effort: how much is tried.
-        notice: told what goes on.
+        notice: callback for messages on progress.
         engine: where drafts are improved; this process if not given. The design is the same.
     """
     drafts = {name: baseline(problem, name, table) for name in CLASSIC}

@@ -52,8 +52,10 @@ def regressors(up: Array, kind: str) -> Array:
 
 
 def dual_up(angles: Array) -> Array:
-    """Up in the body frame on the dual table, mounted straight, (..., 3). angles: outer, inner,
-    rad, (..., 2).
+    """Up in the body frame on the dual table, mounted straight, (..., 3).
+
+    Args:
+        angles: outer, inner, rad, (..., 2).
     """
     a, b = angles[..., 0], angles[..., 1]
     return np.stack([np.sin(a) * np.sin(b), np.sin(a) * np.cos(b), np.cos(a)], axis=-1)
@@ -69,7 +71,12 @@ def spread_out(blocks: Array) -> Array:
 
 def textbook_model(kind: str, drift: bool, horizon: float) -> Model:
     """A textbook model on the dual table, with a linear bias drift over ``horizon`` seconds as a
-    nuisance if asked for. horizon: s.
+    nuisance if asked for.
+
+    Args:
+        kind: name of the model, one of ``KINDS``.
+        drift: whether a bias drift is a nuisance.
+        horizon: length of the recording, s.
     """
     one_of(kind, KINDS, "textbook model")
     stems = ["bias", "x", "y", "z", *_NAMES[kind]]

@@ -8,7 +8,7 @@ from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
 
-WORDS = {
+DESCRIPTIONS = {
     "circle": "go once round with {axis}: whole circles separate what a part of one mixes",
     "along": "dwell at angles all along the range of {axis}",
     "reverse": "approach the same angles of {axis} from both sides",
@@ -31,15 +31,17 @@ WORDS = {
 """What each block does, and why."""
 
 
-def said(kind: str, axis: str | None = None, mount: str = "180 deg") -> str:
+def describe_block(kind: str, axis: str | None = None, mount: str = "180 deg") -> str:
     """The description of a kind of block; ``axis``: that it moves, any unless given."""
-    return WORDS[kind].format(axis="an axis" if axis is None else f"the {axis} axis", mount=mount)
+    return DESCRIPTIONS[kind].format(
+        axis="an axis" if axis is None else f"the {axis} axis", mount=mount
+    )
 
 
-# s, deg/s, mm/s, unless the user says otherwise
+# s, deg/s, mm/s, unless the user gives others
 DWELL, RATE, SLIDE_RATE = 3.0, 30.0, 50.0
 REMOUNT = 60.0  # s of table time that a remounting takes
-# s at rest at both ends of a slow turn: a recording that hardly rests does not show what rest is
+# s of dwell at both ends of a slow turn: noise at standstill follows from these
 QUIET = 10.0
 SLOW, SLOWEST = 60.0, 1 / 30  # s of a slow turn at most, part of the usual rate at least
 MOUNTS = ("Rz(180)", "Rx(180)", "Rz(90)")
@@ -82,7 +84,7 @@ class TableLimits:
         return {"rate_deg_s": times * self.rate, "rate_mm_s": times * self.slide_rate}
 
     def moved(self, positions: Mapping[str, float]) -> dict[str, float]:
-        """Where a step moves axes to: keys of a sequence, of places by axis."""
+        """Target of a step, by key of a sequence. positions: by axis, deg or mm."""
         return {self.rig.kind.key(axis): position for axis, position in positions.items()}
 
     def round_trip(self, axis: str) -> bool:
@@ -91,8 +93,8 @@ class TableLimits:
         return not self.slides(axis) and high - low >= 360 - 1e-9
 
     def grid(self, axis: str, step: float) -> list[float]:
-        """Places over an axis' range, evenly, at most ``step`` apart, deg: the whole range of one
-        that slides counts as a circle.
+        """Positions over the range of an axis, evenly spaced, at most ``step`` apart, deg: the
+        whole range of one that slides counts as a circle.
         """
         low, high = self.reach[axis]
         span = CIRCLE[1] if self.slides(axis) else high - low
@@ -105,11 +107,13 @@ class Block:
     """Something to record.
 
     Args:
-        name: for lists; words: what it does and why; steps: in laboratory words.
+        name: name in lists.
+        description: what it does and why.
+        steps: steps of a sequence.
     """
 
     name: str
-    words: str
+    description: str
     steps: tuple[Step, ...]
 
     @property
@@ -125,7 +129,7 @@ class Block:
     def __add__(self, other: "Block") -> "Block":
         return Block(
             f"{self.name} + {other.name}",
-            f"{self.words}; then {other.words}",
+            f"{self.description}; then {other.description}",
             self.steps + other.steps,
         )
 
@@ -136,24 +140,24 @@ def candidates(table: TableLimits) -> Iterator[Block]:
     for axis in (name for name in table.rig.axis_names if name in table.reach):
         yield from _of_axis(table, axis)
     if len(names) > 1:
-        yield Block("tumble", said("tumble"), _poses(table, _spread(table)))
-        yield Block("short tumble", said("tumble"), _poses(table, _spread(table)[::2]))
+        yield Block("tumble", describe_block("tumble"), _poses(table, _spread(table)))
+        yield Block("short tumble", describe_block("tumble"), _poses(table, _spread(table)[::2]))
     two = table.rig.kind.chain is None and table.rig.directions[1:] == ("z",)
     if two and all(table.round_trip(a) for a in names):
         pairs = [(a, b) for a in (30.0, 75.0, 120.0) for b in (0.0, 135.0)]
         poses = [pose for a, b in pairs for pose in ((a, b), (360 - a, b + 180))]
-        yield Block("flip", said("flip"), _poses(table, poses))
+        yield Block("flip", describe_block("flip"), _poses(table, poses))
     if table.visited:
         every = table.rig.axis_names
-        yield Block("repeat", said("repeat"), _poses(table, table.visited[::-1], every))
-    yield Block("rest", said("rest"), (Step(action="rest", dwell_s=90.0),))
+        yield Block("repeat", describe_block("repeat"), _poses(table, table.visited[::-1], every))
+    yield Block("rest", describe_block("rest"), (Step(action="rest", dwell_s=90.0),))
     for mount in table.mounts if names else ():
         steps = (Step(action="remount", mount=mount), *_poses(table, _spread(table)))
-        yield Block(f"remount {mount}", said("remount", mount=mount), steps)
+        yield Block(f"remount {mount}", describe_block("remount", mount=mount), steps)
 
 
 def _of_axis(table: TableLimits, axis: str) -> Iterator[Block]:
-    """Blocks that move one axis, the others where they tell most."""
+    """Blocks that move one axis, the others where most is learned."""
     for others in _elsewhere(table, axis):
         at = table.moved(others)
         where = "".join(f" at {k} {v:g}" for k, v in others.items())
@@ -166,7 +170,7 @@ def _of_axis(table: TableLimits, axis: str) -> Iterator[Block]:
             ]
             go[0] |= at  # noqa: B023
             steps = tuple(Step.model_validate({"action": "move", **g}) for g in go)
-            return Block(f"{kind}{more} {axis}{where}", said(kind, axis), steps)  # noqa: B023
+            return Block(f"{kind}{more} {axis}{where}", describe_block(kind, axis), steps)  # noqa: B023
 
         dwell, up = table.dwell, table.grid(axis, 45.0)
         start, far = [(low, 1.0, dwell)], low + (high - low) / 4
@@ -220,8 +224,12 @@ def _spread(table: TableLimits) -> list[tuple[float, ...]]:
 def _poses(
     table: TableLimits, poses: Sequence[Sequence[float]], axes: Sequence[str] = ()
 ) -> tuple[Step, ...]:
-    """Moves to poses, with a dwell at each. axes: whose places a pose has; those that turn if not
-    given.
+    """Moves to poses, with a dwell at each.
+
+    Args:
+        table: limits of the table.
+        poses: readouts, deg or mm, one pose a row.
+        axes: axes of these readouts; those that turn if not given.
     """
     names = axes or table.turning
     common = {"action": "move", "dwell_s": table.dwell, **table.rates()}
@@ -232,7 +240,7 @@ def _poses(
 
 
 def within(block: Block, table: TableLimits) -> bool:
-    """Whether every place of a block is allowed."""
+    """Whether every position of a block is allowed."""
     for step in block.steps:
         positions = step.angles_deg | step.lengths_mm
         for axis, (low, high) in table.reach.items():

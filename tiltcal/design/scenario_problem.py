@@ -27,7 +27,7 @@ def clock_of(
     """Speed, times and limits of a scenario's table.
 
     Args:
-        scenario: whose table moves.
+        scenario: rig, sensors and effects.
         budget_s: table time.
         rate_deg_s: of moves.
         settle_s: after each.

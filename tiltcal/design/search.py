@@ -30,9 +30,11 @@ class Effort:
     """How much is tried.
 
     Args:
-        starts: paths; first, then: iterations of ascent of all of them, and of the best; kept: how
-            many those are.
-        rounds: of single changes; trials: changes tried in a round.
+        starts: paths.
+        first, then: iterations of ascent of all of them, and of the best.
+        kept: how many those are.
+        rounds: of single changes.
+        trials: changes tried in a round.
     """
 
     starts: int = 18
@@ -66,12 +68,12 @@ def search(
     """The best sequence found.
 
     Args:
-        problem: what is wanted.
+        problem: model, clock and criterion.
         starts: drafts to improve in addition to the regular paths (classic sequences).
         seed: of the paths.
         effort: how much is tried.
-        notice: told what goes on, and how long it takes.
-        engine: where drafts are local_search; this process if not given. The design is the same.
+        notice: callback for messages on progress, with the time left.
+        engine: where drafts are improved; this process if not given. The design is the same.
     """
     rng, stages = np.random.default_rng(seed), Stages(notice, effort.shares)
     drafts = [problem.rated(d.angles, d.z) for d in starts]

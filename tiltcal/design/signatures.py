@@ -42,12 +42,15 @@ class Signatures:
     """Columns of the effects that poses show.
 
     Args:
-        still: the table at rest; sensor: whose readings.
-        names: of the effects; member: (columns, effects), 1 where a column is an effect's.
-        smooth: columns as harmonics; kinks: parameters after them whose columns are exact.
+        still: the table at rest.
+        sensor: sensor of the readings.
+        names: of the effects.
+        member: (columns, effects), 1 where a column is an effect's.
+        smooth: columns as harmonics.
+        kinks: parameters after them whose columns are exact.
         ordinary: effects that bias, scale and cross-axis terms take up entirely.
-        ordered: effects that only the order of visiting can show; unseen: those that no sequence of
-            dwells shows.
+        ordered: effects that only the order of visiting can show.
+        unseen: those that no sequence of dwells shows.
     """
 
     still: Still
@@ -61,8 +64,10 @@ class Signatures:
     unseen: tuple[str, ...]
 
     def columns(self, angles: Array) -> Array:
-        """What each column adds at poses, (n, channels, columns), in plausible sizes. angles: rad,
-        (n, axes).
+        """What each column adds at poses, (n, channels, columns), in plausible sizes.
+
+        Args:
+            angles: rad, (n, axes).
         """
         kinks = direct_columns(self.still, self.sensor, self.kinks, angles, np.zeros(len(angles)))
         up = self.still.up(angles)[:, list(self.sensor.axis_indices)]
@@ -77,7 +82,10 @@ class Signatures:
 
     def linear(self, angles: Array) -> Array:
         """What bias, scale and cross-axis terms add at poses, (n, channels, terms): 1 and the
-        independent parts of up. angles: rad, (n, axes).
+        independent parts of up.
+
+        Args:
+            angles: rad, (n, axes).
         """
         up = self.still.up(angles)
         parts = np.column_stack([np.ones(len(up)), up @ self.spanned])
@@ -146,8 +154,10 @@ class Field:
         return np.asarray(standstill @ self.member)
 
     def left_over(self, weight: Array) -> Array:
-        """The same with the terms fitted with these weights to these poses. weight: (n,); the
-        energies, (n, effects).
+        """The same with the terms fitted with these weights to these poses.
+
+        Args:
+            weight: (n,); the energies, (n, effects).
         """
         return self.energy(self.fitted(weight))
 
@@ -172,8 +182,8 @@ def catalogue_signatures(
 
     Args:
         still: the table.
-        sensor: whose readings.
-        grade: whose plausible sizes.
+        sensor: sensor of the readings.
+        grade: grade of the plausible sizes.
         allowed: poses that stand for all allowed ones, rad, (n, axes).
         only: ids to keep; all unless given.
 

@@ -79,7 +79,12 @@ class Still:
         return np.asarray(v @ self.scenario.rig.mount_rotation)
 
     def drive(self, angles: Array, time: Array) -> Drive:
-        """The table at rest at each of these angles. angles: rad, (n, axes); time: s, (n,)."""
+        """The table at rest at each of these angles.
+
+        Args:
+            angles: rad, (n, axes).
+            time: s, (n,).
+        """
         zero = np.zeros(len(angles))
         where = {name: Jet(angles[:, k], zero, zero) for k, name in enumerate(self.axes)}
         axes = {
@@ -102,7 +107,7 @@ class Still:
 
 @dataclass(frozen=True)
 class Poses:
-    """A Course that is given by its poses: row n rests at angles n."""
+    """A Course that is given by its poses: row n stands at angles n."""
 
     still: Still
     angles: Array
@@ -123,8 +128,14 @@ def watch(still: Still, angles: Array) -> NominalMotion:
 
 
 def still_sense(still: Still, sensor: Sensor, angles: Array, time: Array) -> Sense:
-    """What a sensor senses at poses; one row more, at the horizon, tells effects how long the
-    recording is. angles: rad, (n, axes); time: s, (n,).
+    """What a sensor senses at poses; a further row at the horizon gives effects the length of the
+    recording.
+
+    Args:
+        still: the instrument at standstill.
+        sensor: sensor of the readings.
+        angles: rad, (n, axes).
+        time: s, (n,).
     """
     return sense_of(still, sensor, still.up(angles), time, angles)
 
@@ -132,8 +143,14 @@ def still_sense(still: Still, sensor: Sensor, angles: Array, time: Array) -> Sen
 def sense_of(
     still: Still, sensor: Sensor, up: Array, time: Array, angles: Array | None = None
 ) -> Sense:
-    """The same at directions of up in the body frame, (n, 3). time: s, (n,); angles: rad, (n,
-    axes).
+    """The same at directions of up in the body frame, (n, 3).
+
+    Args:
+        still: the instrument at standstill.
+        sensor: sensor of the readings.
+        up: up in the body frame, (n, 3).
+        time: s, (n,).
+        angles: rad, (n, axes).
     """
     g = still.scenario.site.gravity
     up = np.vstack([up, up[-1:]])

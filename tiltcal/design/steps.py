@@ -25,11 +25,14 @@ DECIMALS = 6  # of a degree
 
 
 def steps_of(plan: Plan, up: Array) -> list[Step]:
-    """One step a pose: the move, then a dwell that holds settling and reading. up: in the body
-    frame, (n, 3).
+    """One step a pose: the move, then a dwell of settling and reading.
 
     The dwell is what is left of the plan's time once the drive has stopped: its ramps lie inside
     the settling.
+
+    Args:
+        plan: plan of a design.
+        up: in the body frame, (n, 3).
     """
     clock = plan.problem.clock
     rate = clock.rate / DEG
@@ -94,7 +97,11 @@ def designed_table(scenario: Scenario, steps: list[Step], name: str) -> dict[str
 
 def printable(plan: Plan, up: Array) -> str:
     """The printed list for the table: poses, then the expected standard uncertainty of each
-    parameter. up: in the body frame, (n, 3).
+    parameter.
+
+    Args:
+        plan: plan of a design.
+        up: in the body frame, (n, 3).
     """
     clock, model, what = plan.problem.clock, plan.problem.model, plan.forecast
     head = "".join(f"{name + ' deg':>12}" for name in plan.axes)

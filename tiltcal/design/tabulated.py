@@ -1,6 +1,6 @@
 """Changes of the readings with the table's angles: of a few axes as trigonometric polynomials,
-differenced once on a grid, then cheap; of more axes, where a grid has no room, differenced at each
-pose.
+differenced once on a grid, then cheap; of more axes, where a grid would be too large, differenced
+at each pose.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ class PoseColumns(Protocol):
 
     @property
     def columns(self) -> int:
-        """How many parameters it holds."""
+        """Number of parameters."""
 
     def at(self, angles: Array) -> Array:
         """The columns, (n, k, p). angles: rad, (n, axes)."""
@@ -42,7 +42,9 @@ class DifferencedColumns:
     """Columns that are differenced wherever they are asked for.
 
     Args:
-        still: the table at rest; sensor: whose readings; effects: one a column.
+        still: the table at rest.
+        sensor: sensor of the readings.
+        effects: effects, one a column.
     """
 
     still: Still
@@ -51,7 +53,7 @@ class DifferencedColumns:
 
     @property
     def columns(self) -> int:
-        """How many parameters it holds."""
+        """Number of parameters."""
         return len(self.effects)
 
     def at(self, angles: Array) -> Array:
@@ -78,7 +80,7 @@ class TabulatedColumns:
 
     @property
     def columns(self) -> int:
-        """How many parameters it holds."""
+        """Number of parameters."""
         return int(self.coefficients.shape[-1])
 
     def at(self, angles: Array) -> Array:
@@ -94,8 +96,11 @@ class TabulatedColumns:
 
 
 def harmonics(angles: Array) -> Array:
-    """Products over the axes of 1, cos a, sin a, cos 2a ..., (n, (2 ORDER + 1)^axes). angles: rad,
-    (n, axes). The shape is (n, terms).
+    """Products over the axes of 1, cos a, sin a, cos 2a ..., (n, (2 ORDER + 1)^axes). The shape is
+    (n, terms).
+
+    Args:
+        angles: rad, (n, axes).
     """
     found = np.ones((len(angles), 1))
     for a in angles.T:
@@ -108,9 +113,11 @@ def harmonics(angles: Array) -> Array:
 def tabulate(
     still: Still, sensor: Sensor, effects: Sequence[Effect]
 ) -> tuple[PoseColumns, list[bool]]:
-    """The changes that effects make at their size, and of each whether these harmonics hold it.
+    """The changes that effects make at their size, and of each whether these harmonics represent
+    it.
 
-    What changes from one line of an encoder to the next they do not hold: no design can rely on it.
+    What changes from one line of an encoder to the next they do not represent: no design can rely
+    on it.
     """
     axes, k = len(still.axes), len(sensor.axes)
     if axes > MOST_AXES or not effects:
@@ -130,7 +137,7 @@ def tabulate(
 
 
 def _held(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> list[bool]:
-    """Of each effect, whether the harmonics hold its change along each axis alone."""
+    """Of each effect, whether the harmonics represent its change along each axis alone."""
     rng, axes = np.random.default_rng(0), len(still.axes)
     held = np.ones(len(effects), dtype=bool)
     for axis in range(axes if effects else 0):
@@ -149,7 +156,12 @@ def _held(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> list[bool]
 
 def changes_of(still: Still, sensor: Sensor, effects: Sequence[Effect], angles: Array) -> Array:
     """What each effect changes at its size, to first order, in the sensing form (force), (n, k, p).
-    angles: rad, (n, axes).
+
+    Args:
+        still: the instrument at standstill.
+        sensor: sensor of the readings.
+        effects: effects that act.
+        angles: rad, (n, axes).
     """
     found = np.zeros((len(angles), len(sensor.axes), len(effects)))
     seen = watch(still, angles)

@@ -43,7 +43,7 @@ class Wanted:
     Args:
         interest: terms (bias, scale, cross_axis, K2 ...), catalogue ids, or ``all``.
         nuisance: terms and ids that are fitted too but are not of interest.
-        grade: whose plausible sizes are the prior.
+        grade: grade of the plausible sizes that are the prior.
         prior: relative size that replaces them (g, or g per power of g), or None.
         floor: what no averaging removes from a pose mean, m/s2.
         range: half-angle of the working range about level, rad; pi: all directions.
@@ -77,7 +77,7 @@ class Parameter:
 def scenario_model(
     scenario: Scenario, sensor: Sensor, wanted: Wanted, horizon: float
 ) -> tuple[Model, tuple[str, ...]]:
-    """The Model of a scenario's sensor, and the ids of effects that poses alone do not tell.
+    """The Model of a scenario's sensor, and the ids of effects that poses alone do not determine.
 
     Raises:
         TiltcalError: a term is unknown, or asked for by name though poses cannot show it.

@@ -64,7 +64,7 @@ class Clock:
                 raise TiltcalError(
                     "design, allowed angles",
                     found=f"{low:g} to {high:g} deg",
-                    need="a range that holds 0, where the table starts",
+                    need="a range that includes 0, where the table starts",
                     do="count the angles from the start",
                 )
 
@@ -78,12 +78,21 @@ class Clock:
         return np.asarray(np.cumsum(self.moves(angles) + self.settle + dwell, axis=-1) - dwell / 2)
 
     def total(self, angles: Array, dwell: Array) -> float:
-        """Table time of a sequence, s. angles: rad, (n, axes); dwell: s, (n,)."""
+        """Table time of a sequence, s.
+
+        Args:
+            angles: rad, (n, axes).
+            dwell: s, (n,).
+        """
         return float(self.moves(angles).sum() + self.settle * len(angles) + dwell.sum())
 
     def shortened(self, angles: Array, dwell: Array) -> Array:
         """Dwells of a sequence that fills the budget, s, the longest of them so much shorter that
-        rounding exceeds it nowhere, (n,). angles: rad, (n, axes); dwell: s, (n,).
+        rounding exceeds it nowhere, (n,).
+
+        Args:
+            angles: rad, (n, axes).
+            dwell: s, (n,).
         """
         found, excess = np.array(dwell, dtype=float), self.total(angles, dwell) - self.budget
         if len(found) and 0 < excess < ROUNDING * self.budget:
@@ -91,8 +100,10 @@ class Clock:
         return found
 
     def spare(self, angles: Array) -> Array:
-        """Time left for reading when every dwell has its shortest length, s, (...). angles: rad,
-        (n, axes).
+        """Time left for reading when every dwell has its shortest length, s, (...).
+
+        Args:
+            angles: rad, (n, axes).
         """
         n = angles.shape[-2]
         return np.asarray(
@@ -117,7 +128,10 @@ class Clock:
 
 def unwound(angles: Array, limits: tuple[tuple[float, float] | None, ...]) -> Array:
     """The same poses with each axis going the short way round from pose to pose, where it turns
-    without end; (n, axes). angles, limits: rad.
+    without end; (n, axes).
+
+    Args:
+        angles, limits: rad.
     """
     found = np.array(angles, dtype=float)
     for k, pair in enumerate(limits):

@@ -15,7 +15,7 @@ from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.setup.trajectory import Drive
 
 Order = npt.NDArray[np.intp]
-# improved orders; random ones that say how much of an effect an order can show
+# improved orders; random ones that show how much of an effect an order can show
 STARTS, ORDERS = (
     6,
     24,
@@ -72,11 +72,17 @@ def visiting_order(
     seen: Signatures, angles: Array, clock: Clock, rng: np.random.Generator
 ) -> tuple[Array, dict[str, float]]:
     """The poses in an order that hides no drift and no direction of approach, and what it shows of
-    each effect. angles: rad, (n, axes).
+    each effect.
 
     Several orders are improved by exchanges; each is judged by what it leaves of the effects that
     only an order shows, over the most that any of these and of some random orders leaves. The one
     whose least share is largest is taken.
+
+    Args:
+        seen: effects that the order can show.
+        angles: rad, (n, axes).
+        clock: table time of poses.
+        rng: source of random numbers.
     """
     quick, n = _Quick(seen, angles), len(angles)
     tried = [quick.improved(quick.nearest(int(k)), rng) for k in rng.permutation(n)[:STARTS]]

@@ -9,7 +9,7 @@ from tiltcal.core.units import DEG
 from tiltcal.effects.hysteresis_and_lag import crossed, first_order_lag, play
 from tiltcal.effects.sense import Sense
 from tiltcal.setup.tables import axis_of
-from tiltcal.setup.trajectory import Drive, Jet, Rests, sampled_jet
+from tiltcal.setup.trajectory import Drive, Jet, Standstills, sampled_jet
 
 INPUTS = {
     f"{quantity}_{axis}": (quantity, "xyz".index(axis))
@@ -138,10 +138,10 @@ def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
         return Jet(drive.elapsed, one, 0 * one)
     if name == "speed":
         return _speed(drive)
-    rests = Rests.at(drive.rests, drive.time, drive.stop)
+    standstills = Standstills.at(drive.standstills, drive.time, drive.stop)
     if name == "moves":
-        return Jet(rests.moves(drive.time), 0 * one, 0 * one)
-    since = rests.since if name == "since_move" else rests.since_start
+        return Jet(standstills.moves(drive.time), 0 * one, 0 * one)
+    since = standstills.since if name == "since_move" else standstills.since_start
     return Jet(since(drive.time), one, 0 * one)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.setup.sensor import Sensor
-from tiltcal.setup.trajectory import Rests
+from tiltcal.setup.trajectory import Standstills
 
 ACCELEROMETERS = frozenset({"accelerometer", "inclinometer"})
 
@@ -50,7 +50,7 @@ class Sense:
     full_scale: float | None = None
     angles: Mapping[str, Array] = field(default_factory=dict)
     stop: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None
-    rests: Callable[[], Rests] | None = None
+    standstills: Callable[[], Standstills] | None = None
     turn_rates: Mapping[str, Array] = field(default_factory=dict)
 
     @cached_property
@@ -63,22 +63,22 @@ class Sense:
     @cached_property
     def since_move(self) -> Array:
         """Time since the last move ended, s, (n,); 0 while moving."""
-        return self._rests.since(self.time)
+        return self._standstills.since(self.time)
 
     @cached_property
     def since_start(self) -> Array:
         """Time since the last move began, s, (n,); 0 before the first."""
-        return self._rests.since_start(self.time)
+        return self._standstills.since_start(self.time)
 
     @cached_property
     def moves(self) -> Array:
         """How many moves have begun, (n,)."""
-        return self._rests.moves(self.time)
+        return self._standstills.moves(self.time)
 
     @property
-    def _rests(self) -> Rests:
-        return Rests.at(
-            self.rests,
+    def _standstills(self) -> Standstills:
+        return Standstills.at(
+            self.standstills,
             self.time,
             np.zeros(len(self.time), np.intp) if self.stop is None else self.stop,
         )

@@ -18,8 +18,11 @@ LONGEST = 20.0  # s of a turn over which a gyro is trusted
 
 def turns_between(time: Array, stop: Index) -> list[tuple[int, int]]:
     """Last row of each dwell and first row of the next, where both are long enough to know
-    gravity's direction, and the log does not pause between. time: s, (n,); stop: number of the
-    dwell at each row, (n,).
+    gravity's direction, and the log does not pause between.
+
+    Args:
+        time: s, (n,).
+        stop: number of the dwell at each row, (n,).
     """
     edges: list[tuple[int, int]] = []
     resumes = pauses(time)
@@ -34,8 +37,8 @@ def turns_between(time: Array, stop: Index) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Windows:
-    """The rows of some turns with the edges of the rests around them, all as long as the longest:
-    (m, L).
+    """The rows of some turns with the edges of the standstills around them, all as long as the
+    longest: (m, L).
 
     Args:
         rows: of the recording; the last one again where a turn is shorter.
@@ -52,8 +55,11 @@ class Windows:
 
     @classmethod
     def around(cls, time: Array, spans: Sequence[tuple[int, int]]) -> "Windows":
-        """The windows of turns given by the last row before and the first row after each. time: s,
-        (n,).
+        """The windows of turns given by the last row before and the first row after each.
+
+        Args:
+            time: s, (n,).
+            spans: first and last row of each turn.
         """
         reach = max(round(EDGE / float(np.median(np.diff(time)))), 4)
         starts = np.array([max(first - reach, 0) for first, _ in spans])
@@ -72,7 +78,7 @@ class Windows:
 class GravityTransport:
     """Directions of the force around turns, in the frame before each, as the gyro carries them.
 
-    Every sample at the edges of the rests is carried: a hand never holds quite still there.
+    Every sample at the edges of the standstills is carried: a hand is never quite still there.
 
     Args:
         windows: of m turns.

@@ -38,7 +38,10 @@ class Column:
     """How the whitened readings change when one parameter has its plausible size.
 
     Args:
-        effect: id; sensor, axis: where it acts; name: bare parameter name; unit: its suffix.
+        effect: id.
+        sensor, axis: where it acts.
+        name: bare parameter name.
+        unit: its suffix.
         size: the plausible size, in ``unit``.
         channels: (sensor, channel) -> whitened change, (n,), float32; channels that do not change
             are left out.
@@ -73,8 +76,8 @@ class Rows:
 
 
 def rows_of(course: Course, rate_hz: float) -> Rows:
-    """All samples of a course; each dwell as one row (two at its ends count as the dwell's
-    rest).
+    """All samples of a course; each dwell as one row (two at its ends stand for the
+    remainder of the dwell).
     """
     start, end = course.times
     time = start + np.arange(int((end - start) * rate_hz) + 1) / rate_hz

@@ -35,8 +35,13 @@ def true_angles(
     effects: Sequence[Effect],
     streams: Streams = no_streams,
 ) -> dict[str, Jet]:
-    """True angles of the table's axes: the readout plus every AngleEffect's deviation. streams:
-    their random numbers.
+    """True angles of the table's axes: the readout plus every AngleEffect's deviation.
+
+    Args:
+        setup: site, table and sensors.
+        drive: motion of the axes.
+        effects: effects that act.
+        streams: their random numbers.
     """
     angles = {
         name: jet + drive.structure[name] if name in drive.structure else jet
@@ -162,9 +167,9 @@ def link_offset(setup: Setup, effects: Sequence[Effect], slot: str) -> Array:
 class _Link:
     """The vectors carried outward, each a list of three arrays of shape (n,).
 
-    Gravity and Earth's rate follow from up and north, which are carried in their place.
-    ``displaced`` carries the acceleration, speed and place of the sensors' point as well; without
-    ``whole`` only up and the inertial rate are.
+    Gravity and Earth's rate follow from up and north, which are carried instead. ``displaced``
+    carries the acceleration, speed and position of the sensors' point as well; without ``whole``
+    only up and the inertial rate are.
     """
 
     def __init__(self, world: World, drive: Drive, displaced: bool, whole: bool = True) -> None:
@@ -179,17 +184,17 @@ class _Link:
         self.spin: Vector = [zero, zero, zero]
         self.acceleration: Vector = [zero, zero, zero]
         self.speed: Vector = [zero, zero, zero]
-        self.place: Vector = [zero, zero, zero]  # from where the axes' common point rests
+        self.position: Vector = [zero, zero, zero]  # from the axes' common point at standstill
         for shake in world.shakes:
             for i, jet in enumerate(shake.jets(drive.elapsed)):
                 self.acceleration[i] = self.acceleration[i] + jet.a
                 self.speed[i] = self.speed[i] + jet.v
-                self.place[i] = self.place[i] + jet.x
+                self.position[i] = self.position[i] + jet.x
         self.carried: tuple[Vector, ...] = (self.up, self.rate)
         if whole:
             self.carried = (*self.carried, self.north, self.spin)
         if displaced:
-            self.carried = (*self.carried, self.acceleration, self.speed, self.place)
+            self.carried = (*self.carried, self.acceleration, self.speed, self.position)
 
     def force(self) -> Array:
         """Specific force at the point that is carried, (n, 3)."""
@@ -210,7 +215,7 @@ class _Link:
         for target, change in (
             (self.acceleration, np.cross(spin, r) + np.cross(rate, np.cross(rate, r))),
             (self.speed, np.cross(rate, r)),
-            (self.place, np.broadcast_to(r, rate.shape)),
+            (self.position, np.broadcast_to(r, rate.shape)),
         ):
             target[:] = [component + change[:, i] for i, component in enumerate(target)]
 
@@ -225,7 +230,7 @@ class _Link:
         for target, change, own in (
             (self.acceleration, turned, along.a),
             (self.speed, np.cross(rate, r), along.v),
-            (self.place, np.zeros_like(r), along.x),
+            (self.position, np.zeros_like(r), along.x),
         ):
             target[:] = [component + change[:, i] for i, component in enumerate(target)]
             target[2] = target[2] + own
@@ -273,7 +278,7 @@ class _Link:
     def motion(self, world: World) -> Motion:
         """Add the lever arm, Earth's rate and Coriolis; stack."""
         self.offset(world.lever)
-        force, position = self.force(), np.column_stack(self.place)
+        force, position = self.force(), np.column_stack(self.position)
         if np.any(world.coriolis) and (np.any(position) or world.shakes):
             earth, speed = self.world(world.coriolis), np.column_stack(self.speed)
             force = force + 2 * np.cross(earth, speed) + np.cross(earth, np.cross(earth, position))

@@ -4,7 +4,7 @@ The response of force and rate in the body frame to a small turn at each stage o
 first order and exact in time.
 
 At an instant the motion depends on a turn's angle, rate and acceleration at that instant only.
-Three probes through the closed form, one for each, therefore hold the response to any turn at that
+Three probes through the closed form, one for each, therefore give the response to any turn at that
 stage.
 """
 
@@ -63,7 +63,7 @@ class _AngleProbe(AngleEffect):
         return self.jet
 
 
-Place = tuple[str, str]
+TurnAxis = tuple[str, str]
 """(slot, coordinate axis) of a turn; ("axis", name) of a table axis."""
 
 
@@ -77,22 +77,27 @@ def moves_smoothly(effect: Effect) -> bool:
 
 
 class Responses:
-    """Answers of force and rate along a nominal drive, each position probed when it is first asked
-    for.
+    """Answers of force and rate along a nominal drive, each axis of turning probed when it is first
+    asked for.
 
     Args:
-        setup: site, rig, sensors; drive: what the table does.
+        setup: site, rig, sensors.
+        drive: motion of the table.
     """
 
     def __init__(self, setup: Setup, drive: Drive) -> None:
         self.setup, self.drive = setup, drive
-        self._kept: dict[Place, tuple[tuple[Array | None, Array | None], ...]] = {}
+        self._kept: dict[TurnAxis, tuple[tuple[Array | None, Array | None], ...]] = {}
         self._contexts: dict[tuple[Mass, ...], Context] = {}
         self._loaded(())
 
-    def turns(self, effect: Effect, beside: Sequence[Effect] = ()) -> dict[Place, Jet]:
-        """The small turns of an effect that ``moves_smoothly``, place by place; beside: what is
-        there anyway, of which loads and what bends under them matter.
+    def turns(self, effect: Effect, others: Sequence[Effect] = ()) -> dict[TurnAxis, Jet]:
+        """The small turns of an effect that ``moves_smoothly``, by their axes.
+
+        Args:
+            effect: effect that turns frames or axes.
+            others: effects that act as well; of them loads and compliances matter.
+
         """
         rig = self.setup.rig
         if isinstance(effect, AngleEffect):
@@ -101,21 +106,21 @@ class Responses:
                 for n in rig.axis_names
                 if effect.acts_on(n, rig)
             }
-        masses = masses_of(beside, rig)
+        masses = masses_of(others, rig)
         if isinstance(effect, LoadEffect):
-            bending = [e for e in beside if isinstance(e, FrameEffect) and e.compliances(rig)]
+            bending = [e for e in others if isinstance(e, FrameEffect) and e.compliances(rig)]
             more = self._turned(bending, self._loaded((*masses, *effect.masses(rig))))
             less = self._turned(bending, self._loaded(masses))
-            return {position: jet - less[position] for position, jet in more.items()}
+            return {about: jet - less[about] for about, jet in more.items()}
         assert isinstance(effect, FrameEffect)
         return self._turned([effect], self._loaded(masses))
 
-    def _turned(self, effects: Sequence[FrameEffect], context: Context) -> dict[Place, Jet]:
-        found: dict[Place, Jet] = {}
+    def _turned(self, effects: Sequence[FrameEffect], context: Context) -> dict[TurnAxis, Jet]:
+        found: dict[TurnAxis, Jet] = {}
         for slot in self.setup.rig.kind.slots:
             for turn in (t for e in effects for t in e.turns(slot, context)):
-                position = (slot, turn.axis)
-                found[position] = found[position] + turn.angle if position in found else turn.angle
+                about = (slot, turn.axis)
+                found[about] = found[about] + turn.angle if about in found else turn.angle
         return found
 
     def _loaded(self, masses: tuple[Mass, ...]) -> Context:
@@ -132,32 +137,32 @@ class Responses:
         """The nominal motion."""
         return self._loaded(())
 
-    def to(self, turns: Mapping[Place, Jet]) -> tuple[Array, Array]:
+    def to(self, turns: Mapping[TurnAxis, Jet]) -> tuple[Array, Array]:
         """Change of force and rate by small turns, (n, 3) each."""
         n = len(self.drive.time)
         force, rate = np.zeros((n, 3)), np.zeros((n, 3))
-        for position, jet in turns.items():
-            for part, (df, dw) in zip((jet.x, jet.v, jet.a), self.of(position), strict=True):
+        for about, jet in turns.items():
+            for part, (df, dw) in zip((jet.x, jet.v, jet.a), self.of(about), strict=True):
                 if np.any(part):
                     by = np.broadcast_to(np.asarray(part), n)[:, None]
                     force = force if df is None else force + df * by
                     rate = rate if dw is None else rate + dw * by
         return force, rate
 
-    def of(self, position: Place) -> tuple[tuple[Array | None, Array | None], ...]:
+    def of(self, about: TurnAxis) -> tuple[tuple[Array | None, Array | None], ...]:
         """Per unit of angle, rate and acceleration: change of force and of rate, (n, 3) each; None
         where there is none.
         """
-        if position not in self._kept:
-            self._kept[position] = tuple(self._probed(position, k) for k in range(3))
-        return self._kept[position]
+        if about not in self._kept:
+            self._kept[about] = tuple(self._probed(about, k) for k in range(3))
+        return self._kept[about]
 
-    def _probed(self, position: Place, which: int) -> tuple[Array | None, Array | None]:
+    def _probed(self, about: TurnAxis, which: int) -> tuple[Array | None, Array | None]:
         up, down = (
             force_and_rate(
                 self.setup,
                 self.drive,
-                [_probe(position, [sign * STEP * (k == which) for k in range(3)])],
+                [_probe(about, [sign * STEP * (k == which) for k in range(3)])],
             )
             for sign in (1, -1)
         )
@@ -165,11 +170,11 @@ class Responses:
         return (force if force.any() else None), (rate if rate.any() else None)
 
 
-def _probe(position: Place, jet: Sequence[float]) -> Effect:
+def _probe(about: TurnAxis, jet: Sequence[float]) -> Effect:
     small = Jet(*jet)
-    if position[0] == "axis":
-        return replace(_AngleProbe(axis=position[1]), jet=small)
-    return replace(_TurnProbe(), slot=position[0], turn=Turn(position[1], small))
+    if about[0] == "axis":
+        return replace(_AngleProbe(axis=about[1]), jet=small)
+    return replace(_TurnProbe(), slot=about[0], turn=Turn(about[1], small))
 
 
 Some = TypeVar("Some", bound=Effect)
@@ -202,7 +207,7 @@ class NominalMotion:
         self.ideal = {name: sense.true_input() for name, sense in self.sense.items()}
         self.responses = Responses(setup, self.drive)
         self._slopes: tuple[Array, Array] | None = None
-        # that asked for last: the next is often the same, in another place
+        # of the last request: the next is often the same, at another stage
         self._curve: tuple[tuple[object, ...], Jet] | None = None
 
     @classmethod
@@ -217,7 +222,7 @@ class NominalMotion:
             parts.append(
                 cls(setup.seen_by(own[0]).model_copy(update={"sensor": own}), course, time)
             )
-        return parts[0] if len(parts) == 1 else SeveralPlaces(setup, parts)
+        return parts[0] if len(parts) == 1 else SeveralPositions(setup, parts)
 
     def through(self, matrices: Mapping[str, Array]) -> "NominalMotion":
         """The same motion through other sensor matrices. matrices: by sensor, (axes, 3)."""
@@ -225,24 +230,32 @@ class NominalMotion:
         other.matrices = matrices
         return other
 
-    def changes(self, effect: Effect, beside: Sequence[Effect] = ()) -> dict[str, Array]:
-        """Change of the readings of each sensor that changes, SI, (n, k); beside: see
-        ``Responses.turns``.
+    def changes(self, effect: Effect, others: Sequence[Effect] = ()) -> dict[str, Array]:
+        """Change of the readings of each sensor that changes, SI, (n, k).
+
+        Args:
+            effect: effect that acts.
+            others: see ``Responses.turns``.
+
         """
         if isinstance(effect, DelayEffect):
-            return self._late(effect)
+            return self._delayed(effect)
         if isinstance(effect, SignalEffect):
             changes = {str(effect.sensor): self._signal(effect)}
         else:
-            changes = self._moved(effect, beside)
+            changes = self._moved(effect, others)
         return {name: self._converted(name, change, effect) for name, change in changes.items()}
 
     def by_motion(self, axis: str, change: Jet) -> dict[str, Array]:
-        """Change of the readings of each sensor by a small one of the motion of an axis, SI,
-        (n, k). change: (n,).
+        """Change of the readings of each sensor by a small one of the motion of an axis, SI, (n,
+        k).
+
+        Args:
+            axis: axis that moves.
+            change: (n,).
         """
         force, rate = self.responses.to({("axis", axis): change})
-        return {name: self._said(name, c) for name, c in self._read(force, rate).items()}
+        return {name: self._to_reading(name, c) for name, c in self._read(force, rate).items()}
 
     def curve(self, effect: Learned) -> Jet:
         """The curve of each coefficient of a learned effect at one, (n, p), without the input that
@@ -282,10 +295,14 @@ class NominalMotion:
         return {n: self._converted(n, part, effect) for n, part in read.items() if part.any()}
 
     def _converted(self, name: str, change: Array, effect: Effect) -> Array:
-        """The change of what an inclinometer says, where the effect acts on the force it senses."""
-        return change if getattr(effect, "order", 0) >= CONVERSION else self._said(name, change)
+        """The change of the output of an inclinometer, where the effect acts on the force it
+        senses.
+        """
+        return (
+            change if getattr(effect, "order", 0) >= CONVERSION else self._to_reading(name, change)
+        )
 
-    def _said(self, name: str, change: Array) -> Array:
+    def _to_reading(self, name: str, change: Array) -> Array:
         """What a sensor states of a change of what it senses: of an inclinometer d asin(f/g) = df /
         (g cos).
         """
@@ -313,12 +330,12 @@ class NominalMotion:
             up - (effect_down(small).apply(start.copy(), sense, None) - start) / effect.straight
         ) / 2
 
-    def _moved(self, effect: Effect, beside: Sequence[Effect]) -> dict[str, Array]:
+    def _moved(self, effect: Effect, others: Sequence[Effect]) -> dict[str, Array]:
         """Change of every sensor's reading by what moves differently."""
         if moves_smoothly(effect):
-            turns = self.responses.turns(effect, beside)
+            turns = self.responses.turns(effect, others)
             if not one_sided(effect):
-                down = self.responses.turns(effect_down(effect), beside)
+                down = self.responses.turns(effect_down(effect), others)
                 turns = {
                     position: (jet - down[position]).scaled(0.5) for position, jet in turns.items()
                 }
@@ -354,9 +371,9 @@ class NominalMotion:
             )
             self._slopes = (ahead[0] - behind[0]) / (2 * step), (ahead[1] - behind[1]) / (2 * step)
         read = self._read(*self._slopes)
-        return {n: self._said(n, slope) for n, slope in read.items() if sensor in (None, n)}
+        return {n: self._to_reading(n, slope) for n, slope in read.items() if sensor in (None, n)}
 
-    def _late(self, effect: DelayEffect) -> dict[str, Array]:
+    def _delayed(self, effect: DelayEffect) -> dict[str, Array]:
         """Change of a sensor's reading by a delay: minus the delay times its time derivative. One
         that names no sensor is the recorder's own: all sensors alike.
         """
@@ -371,8 +388,8 @@ class NominalMotion:
         }
 
 
-class SeveralPlaces(NominalMotion):
-    """The nominal motion of sensors that sit at several places of one model.
+class SeveralPositions(NominalMotion):
+    """The nominal motion of sensors at several positions of one model.
 
     Args:
         setup: with all sensors.
@@ -387,21 +404,29 @@ class SeveralPlaces(NominalMotion):
 
     def through(self, matrices: Mapping[str, Array]) -> NominalMotion:
         """The same motion through other sensor matrices, by sensor, (axes, 3)."""
-        return SeveralPlaces(self.setup, [part.through(matrices) for part in self.parts])
+        return SeveralPositions(self.setup, [part.through(matrices) for part in self.parts])
 
     def by_motion(self, axis: str, change: Jet) -> dict[str, Array]:
-        """Change of the readings of each sensor by a small one of the motion of an axis, SI,
-        (n, k). change: (n,).
+        """Change of the readings of each sensor by a small one of the motion of an axis, SI, (n,
+        k).
+
+        Args:
+            axis: axis that moves.
+            change: (n,).
         """
         return {n: read for p in self.parts for n, read in p.by_motion(axis, change).items()}
 
-    def changes(self, effect: Effect, beside: Sequence[Effect] = ()) -> dict[str, Array]:
-        """Change of the readings of each sensor that changes, SI, (n, k); beside: see
-        ``Responses.turns``.
+    def changes(self, effect: Effect, others: Sequence[Effect] = ()) -> dict[str, Array]:
+        """Change of the readings of each sensor that changes, SI, (n, k).
+
+        Args:
+            effect: effect that acts.
+            others: see ``Responses.turns``.
+
         """
         found: dict[str, Array] = {}
         for part in self._moved_by(effect):
-            found |= part.changes(effect, beside)
+            found |= part.changes(effect, others)
         return found
 
     def curve(self, effect: Learned) -> Jet:
@@ -420,12 +445,12 @@ class SeveralPlaces(NominalMotion):
         return {n: slope for part in self.parts for n, slope in part.slopes(sensor).items()}
 
     def _moved_by(self, effect: Effect) -> Sequence[NominalMotion]:
-        """The places that see an effect: all, or that of its sensor."""
+        """The positions that see an effect: all, or that of its sensor."""
         return [p for p in self.parts if effect.sensor is None or effect.sensor in p.sense]
 
 
 def one_sided(effect: Effect) -> bool:
-    """Whether one step up tells all: a linear effect, or a size that has no negative side."""
+    """Whether one step up suffices: a linear effect, or a size that has no negative side."""
     return effect.linear or any(p.positive and not p.is_shape for p in effect.parameters)
 
 

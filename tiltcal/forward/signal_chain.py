@@ -35,8 +35,12 @@ SETTLING = 8  # time constants of the low-pass that run before the first sample
 
 
 def fine_grid(converter: Converter, time: Array, delay: float) -> Array:
-    """The instants at which the analogue signal is needed for samples at ``time``, s. time: (n,);
-    delay: s; the instants, (m,).
+    """The instants at which the analogue signal is needed for samples at ``time``, s.
+
+    Args:
+        converter: delta-sigma converter, or None.
+        time: (n,).
+        delay: s; the instants, (m,).
     """
     step = 1 / _fine_rate(converter)
     tau = 1 / (2 * np.pi * converter.lowpass_hz)
@@ -69,10 +73,10 @@ def converted(converter: Converter, grid: Array, signal: Array, instants: list[A
     return np.column_stack(columns)
 
 
-def coded(converter: Converter, reading: Array) -> Array:
-    """Readings as whole codes, clipped at the ends of the range, m/s2. reading: m/s2, (n,)."""
+def quantise(converter: Converter, reading: Array) -> Array:
+    """Readings as whole LSB, clipped at the ends of the range, m/s2. reading: m/s2, (n,)."""
     top = 2 ** (converter.bits - 1)
-    return np.asarray(np.clip(np.rint(reading / converter.code), -top, top - 1) * converter.code)
+    return np.asarray(np.clip(np.rint(reading / converter.lsb), -top, top - 1) * converter.lsb)
 
 
 def _fine_rate(converter: Converter) -> float:
@@ -82,9 +86,8 @@ def _fine_rate(converter: Converter) -> float:
 Mover = Callable[[Setup, Drive, Sequence[Effect], Streams], Motion]
 """What turns a drive into motion: ``kinematics.closed_form``, or MuJoCo."""
 
-CONVERSION = (
-    70  # order of an inclinometer's arcsine: after what acts on the force, before noise and codes
-)
+# order of an inclinometer's arcsine: after what acts on the force, before noise and quantisation
+CONVERSION = 70
 
 
 def stream(seed: int, *names: str | None) -> np.random.Generator:
@@ -204,7 +207,7 @@ def _converted(
     move: Callable[[Array], tuple[Motion, Drive]],
 ) -> Array:
     """What a sensor behind a converter reads: the analogue signal on a fine grid, then the
-    converter, then noise and codes.
+    converter, then noise and quantisation.
     """
     assert sensor.converter is not None
     grid = fine_grid(sensor.converter, time, max(float(np.max(d)) for d in delays))
@@ -218,7 +221,7 @@ def _converted(
         columns = effect.apply(
             columns, sense, None if seed is None else stream(seed, effect.id, sensor.name)
         )
-    return columns if seed is None else coded(sensor.converter, columns)
+    return columns if seed is None else quantise(sensor.converter, columns)
 
 
 def _delays(
@@ -255,6 +258,6 @@ def make_sense(sensor: Sensor, setup: Setup, motion: Motion, drive: Drive) -> Se
         sensor.full_scale,
         {name: np.asarray(jet.x) for name, jet in drive.axes.items()},
         drive.stop,
-        drive.rests,
+        drive.standstills,
         {name: np.broadcast_to(jet.v, motion.time.shape) for name, jet in drive.axes.items()},
     )

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.effects.base import DelayEffect, Effect
 from tiltcal.forward.gravity_transport import EDGE
 from tiltcal.laboratory.handheld import (
@@ -299,7 +299,7 @@ class HandMotion:
             return 1.0
         # fourth differences; their variance is 70 times that of a sample
         noise = MAD_TO_SIGMA * float(np.median(np.abs(np.diff(values, 4)))) / np.sqrt(70)
-        return max(noise, code_width(values) / np.sqrt(12), ARITHMETIC)
+        return max(noise, lsb_width(values) / np.sqrt(12), ARITHMETIC)
 
 
 def _slope(read: Callable[[Array], Array], step: Array) -> Array:

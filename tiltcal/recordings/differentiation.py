@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.recordings.rest_edges import LOOSE, STRICT, corners
 from tiltcal.recordings.starting_courses import TURN
 from tiltcal.setup.pauses import stretches
@@ -144,7 +144,7 @@ def noise_of_rests(angle: Array, still: Mask, parted: Index = NOWHERE) -> float 
     both[parted - 1] = False  # what moved within a pause is no noise
     steps = np.diff(angle)[both]
     return (
-        float(max(np.sqrt(np.mean(steps**2) / 2), code_width(angle) / np.sqrt(12)))
+        float(max(np.sqrt(np.mean(steps**2) / 2), lsb_width(angle) / np.sqrt(12)))
         if len(steps) > RESTS
         else None
     )

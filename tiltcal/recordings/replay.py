@@ -16,7 +16,7 @@ from tiltcal.recordings.table_columns import other_tables
 from tiltcal.recordings.table_standstills import edges_of, rates_of, rests_of, sign_of
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import angle_channel
-from tiltcal.setup.trajectory import Drive, Jet, Rests
+from tiltcal.setup.trajectory import Drive, Jet, Standstills
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class Replay:
         return found
 
     @cached_property
-    def rests(self) -> Rests:
+    def standstills(self) -> Standstills:
         """When each standstill began and ended: to a part of a sample where the readout tells
         it.
         """
@@ -137,7 +137,7 @@ class Replay:
             tuple((int(np.searchsorted(time, start)), R) for start, R in self.mounts),
             None,
             self.known[nearest],
-            rests=lambda: self.rests,
+            standstills=lambda: self.standstills,
         )
 
 
@@ -232,7 +232,7 @@ def nearest_rows(stamps: Array, time: Array) -> Index:
     return np.searchsorted(between, time)
 
 
-def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rests:
+def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Standstills:
     """The standstills of a readout.
 
     A stop has lost its ends to the margins that the search for it keeps; where an instant is not
@@ -243,7 +243,7 @@ def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rest
         stop: number of the stop of each row, -1 while moving, (n,).
         leaves, comes: instants at which an axis left a standstill, and came to one, s, sorted.
     """
-    rows = Rests.of_rows(time, stop)
+    rows = Standstills.of_rows(time, stop)
     first, last = (side[np.isfinite(side)] for side in (rows.begin, rows.end))
     if not len(first):
         return rows
@@ -254,7 +254,7 @@ def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rest
     begin, end = _as_usual(begin, first), _as_usual(end, last)
     begin[0] = time[0] if stop[0] >= 0 else begin[0]
     end[-1] = np.inf if stop[-1] >= 0 else end[-1]
-    return Rests(begin, end).led_in(bool(stop[0] < 0))
+    return Standstills(begin, end).led_in(bool(stop[0] < 0))
 
 
 def _as_usual(estimate: Array, rough: Array) -> Array:

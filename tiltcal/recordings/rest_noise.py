@@ -9,7 +9,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.numerical import determining
-from tiltcal.core.progress import Progress, silent, told_pieces
+from tiltcal.core.progress import Progress, report_pieces, silent
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.pieces import estimated_rows, part_of, read_pieces
 from tiltcal.recordings.recording import Recording
@@ -135,7 +135,7 @@ def _longest(recording: Recording) -> Segment:
 
 def _between(path: Path | str, start: float, end: float, progress: Progress) -> Iterator[Recording]:
     """The pieces of a file between two stamps, s."""
-    for piece in told_pieces(read_pieces(path), estimated_rows(path), progress):
+    for piece in report_pieces(read_pieces(path), estimated_rows(path), progress):
         first, last = np.searchsorted(piece.time, [start, end], side="left")
         if last > first:
             yield part_of(piece, int(first), int(last))

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
 from tiltcal.recordings.joining import joins_of
 from tiltcal.recordings.means_table import MeansTable
@@ -206,7 +206,7 @@ def _variance_ratio(column: Array, width: int) -> Array:
     variance /= width - 1
     quantile = float(np.quantile(variance[:: max(1, width // 2)], 0.1))
     arithmetic = 64 * np.finfo(float).eps * total[-1] / width
-    return variance / max(quantile, code_width(column) ** 2 / 12, arithmetic, 1e-30)
+    return variance / max(quantile, lsb_width(column) ** 2 / 12, arithmetic, 1e-30)
 
 
 def _limit(score: Array, channels: int, width: int) -> float:

@@ -14,8 +14,8 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.budget import require_within
-from tiltcal.core.progress import Progress, silent, told_pieces
-from tiltcal.core.quantisation import code_grid
+from tiltcal.core.progress import Progress, report_pieces, silent
+from tiltcal.core.quantisation import lsb_grid
 from tiltcal.core.units import split_unit
 from tiltcal.recordings.means_table import read_log_or_means
 from tiltcal.recordings.pieces import estimated_rows, joined, part_of, read_pieces
@@ -66,7 +66,7 @@ def read_averaged(path: Path | str, progress: Progress = silent) -> Recording:
     if spans is None:
         require_room(path)
         return read_log_or_means(path)
-    pieces = told_pieces(read_pieces(path), estimated_rows(path), progress)
+    pieces = report_pieces(read_pieces(path), estimated_rows(path), progress)
     return joined([averaged(piece, spans) for piece in whole_spans(pieces, spans)])
 
 
@@ -115,7 +115,7 @@ def spans_of(path: Path | str, rows: int | None = None) -> Spans | None:
 def _coarse(values: Array) -> bool:
     """Whether the noise of a column hardly leaves a code."""
     known = values[~np.isnan(values)][:CODED]
-    code = code_grid(known) if len(known) > 2 else None
+    code = lsb_grid(known) if len(known) > 2 else None
     return code is not None and second_difference_noise(known) < code
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt, parse_up
-from tiltcal.core.quantisation import code_grid
+from tiltcal.core.quantisation import lsb_grid
 from tiltcal.core.units import DEG
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.recordings.means_table import MeansTable
@@ -201,8 +201,8 @@ def _codes(readings: Array, slices: Sequence[slice], sensor: Sensor, setup: Setu
     factor = setup.site.gravity if sensor.kind == "inclinometer" else 1.0
     widths = []
     for column in readings.T:
-        found = [w for s in slices if (w := code_grid(column[s][:CODED]))]
-        code = float(np.median(found)) if found else code_grid(column[:CODED])
+        found = [w for s in slices if (w := lsb_grid(column[s][:CODED]))]
+        code = float(np.median(found)) if found else lsb_grid(column[:CODED])
         widths.append(factor * (code or 0.0))
     return np.array(widths)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.recordings.differentiation import Rates, differentiate, noise_of_stamped
 from tiltcal.recordings.rest_edges import edges
 from tiltcal.recordings.segmentation import resting_rows
@@ -48,7 +48,7 @@ def still_rows(angles: Array, resting: Mask, parted: Index = NOWHERE) -> Mask:
     into rests with a level each, and so does a pause of the log before one of the ``parted`` rows.
     """
     still = resting.copy()
-    steps = 1.01 * np.array([code_width(column) for column in angles.T])
+    steps = 1.01 * np.array([lsb_width(column) for column in angles.T])
     ends = {0, len(angles), *(int(row) for row in parted)}  # nothing is known beyond
     for first, last in _runs(resting, parted):
         still[first:last] = False

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.statistics.dwell_noise import second_difference_noise
 
 KNOTS = 600  # readings are averaged to about so many: temperature is slow
@@ -52,7 +52,7 @@ def _level(T: Array, block: int) -> float:
     if len(T) < 16:
         return 0.0
     second = np.diff(T, 2)
-    code, noise = code_width(T), second_difference_noise(T)
+    code, noise = lsb_width(T), second_difference_noise(T)
     # the steps of a computed ramp are all alike
     rounded = float(np.sqrt(np.mean(second**2))) > 1e-3 * code
     return float(np.hypot(code / np.sqrt(12) if rounded else 0.0, noise / np.sqrt(block)))

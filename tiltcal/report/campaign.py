@@ -13,7 +13,7 @@ from tiltcal.validation.campaign.campaign_file import Campaign
 from tiltcal.validation.campaign.results import Results
 from tiltcal.validation.run_statistics import share_of
 
-LEAST_LOG_P = -700.0  # of what a float holds
+LEAST_LOG_P = -700.0  # smallest logarithm of a float
 SHARES = [-0.03, 1.03]  # of an axis
 Cells = list[tuple[dict[str, Any], dict[str, Any]]]
 

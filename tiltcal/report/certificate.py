@@ -45,7 +45,8 @@ class Certificate:
     """What a certificate states.
 
     Args:
-        calibration: the result; setup: site, table and sensors it belongs to.
+        calibration: the result.
+        setup: site, table and sensors it belongs to.
         stated: by the laboratory.
         budget: GUM budget; None where only the noise of the record is known.
         assumed: whether nobody stated the budget's sources: they are those of a usual laboratory.
@@ -84,7 +85,7 @@ class Certificate:
 
     @property
     def basis(self) -> str:
-        """What U rests on, as text."""
+        """Components of U, as text."""
         if self.budget is not None and self.assumed:
             return (
                 "U includes the noise of the record (type A) and sources (type B) whose sizes are"
@@ -93,13 +94,13 @@ class Certificate:
         if self.budget is not None:
             return "U includes the noise of the record (type A) and the stated sources (type B)."
         return (
-            "U holds the noise of the record only (type A): there is no budget of the table,"
+            "U includes the noise of the record only (type A): there is no budget of the table,"
             " gravity and other references (type B)."
         )
 
     @property
     def simulated(self) -> bool:
-        """Whether the recording came from the simulator, as its metadata say."""
+        """Whether the recording came from the simulator, by its metadata."""
         return "seed" in self.calibration.provenance
 
     @property

@@ -15,15 +15,15 @@ PROCEDURES = {
     "thermal": TUMBLE + " Its temperature sensitivities are fitted together with it.",
     "gyro_rates": "Implements the procedure of IEEE 952 for scale factor and bias from input rates,"
     " for each axis of a triad.",
-    "fog_scale": "Implements the procedure of IEEE 952 for the scale factor, with a second gyro in"
-    " place of the rate table.",
+    "fog_scale": "Implements the procedure of IEEE 952 for the scale factor, with a second gyro"
+    " instead of the rate table.",
 }
 NO_STANDARD = "No standard states this procedure; the documentation of the method describes it."
 
 
 @dataclass(frozen=True)
 class Covered:
-    """What a result holds: its method, kinds of terms and names of tests, and whether it has
+    """Contents of a result: its method, kinds of terms and names of tests, and whether it has
     placing-angle tables.
     """
 
@@ -41,8 +41,8 @@ class Covered:
 Rule = tuple[str, Callable[[Covered], bool]]
 RULES: tuple[Rule, ...] = (
     (
-        "Temperature: no coefficient was determined; the result holds at the temperature of the"
-        " measurement.",
+        "Temperature: no coefficient was determined; the result is valid at the temperature of"
+        " the measurement.",
         lambda c: not any(t.startswith("temp") for t in c.terms),
     ),
     (
@@ -94,7 +94,7 @@ def not_tested(calibration: Calibration) -> list[str]:
 def validity(
     calibration: Calibration, setup: Setup, temperature: tuple[float, float] | None
 ) -> list[str]:
-    """Where the result holds, one sentence each.
+    """Range of validity of the result, one sentence each.
 
     Args:
         calibration: with the verdict.
@@ -103,7 +103,7 @@ def validity(
     """
     lines = [_verdict(calibration)]
     g = f"{setup.site.gravity:.6g} m/s² local gravity"
-    lines.append(f"It rests on {len(calibration.poses)} dwells at {g}.")
+    lines.append(f"It is based on {len(calibration.poses)} dwells at {g}.")
     if temperature is None:
         lines.append("Temperature during the measurement: not stated.")
     else:

@@ -22,7 +22,7 @@ _LINEAR = ("bias", "scale", "cross")
 
 def rounded(value: float, uncertainty: float) -> tuple[str, str]:
     """A value and its uncertainty as text: two digits of the uncertainty, the value to the same
-    place (GUM 7.2.6).
+    decimal (GUM 7.2.6).
     """
     if not uncertainty > 0:
         return f"{value:.6g}", f"{uncertainty:g}"

@@ -104,7 +104,7 @@ def require_date(stated: Stated) -> None:
         raise TiltcalError(
             "digital calibration certificate",
             found="no day of the measurement",
-            need="one: the schema requires it, and no recording holds it",
+            need="one: the schema requires it, and no recording contains it",
             do="add --date YYYY-MM-DD",
         )
 
@@ -179,7 +179,7 @@ def _core(parent: ET.Element, c: Certificate) -> None:
     _identification(identifications, "other", c.digest, "SHA-256 of the calibration's data")
     _add(parent, "beginPerformanceDate", c.stated.date)
     _add(parent, "endPerformanceDate", c.stated.date)
-    # laboratory, customer ... or other: the recording does not say where it was made
+    # laboratory, customer ... or other: the recording does not state where it was made
     _add(parent, "performanceLocation", "other")
     if c.stated.issued:
         _add(parent, "issueDate", c.stated.issued)

@@ -53,7 +53,7 @@ def write_design(
         parameters=plan.to_json()["parameters"],
         scenes=[p for p in (sphere_plot(poses), table) if p is not None],
         steps=steps_of_plan(plan, poses),
-        clock=clock_words(plan),
+        clock=clock_text(plan),
         missing=missing,
     )
 
@@ -117,8 +117,8 @@ def _gains(plan: Plan) -> Plot:
     )
 
 
-def clock_words(plan: Plan) -> str:
-    """What the table allowed, as text."""
+def clock_text(plan: Plan) -> str:
+    """Budget and rates of the table, as text."""
     clock = plan.problem.clock
     return (
         f"{clock.budget:g} s of table time, moves at {clock.rate / DEG:g} °/s, {clock.settle:g} s"
@@ -167,7 +167,7 @@ def write_visible_poses(
         "visible_poses",
         title=title,
         lead=lead_of_visible_poses(found),
-        clock=clock_words(plan),
+        clock=clock_text(plan),
         contents=sections("Visibility", "Poses", "Record next", "Not visible"),
         shares=_shares(found),
         visibility=_visibility(found),

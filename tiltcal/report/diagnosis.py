@@ -22,7 +22,7 @@ from tiltcal.report.poses import Pose
 from tiltcal.report.scenes import sphere_plot
 from tiltcal.setup.tables import axis_of
 
-WORDS = {
+COORDINATE_TITLES = {
     "input": "own reading",
     "transverse": "rate across the axis",
     "turned_deg": "angle turned about the axis",
@@ -35,80 +35,89 @@ WORDS = {
 FOLLOWED = {"temperature": "temperature_degC", "tilt": "input", "rate": "input"}
 MOVING = ("rate", "time", "move", "sample", "frequency")
 """Coordinates of findings that show while the table moves; of others only standstills are drawn."""
-MIN_DWELLS = 6  # rests
-MOST_LAWS = 4  # plots of one finding
+MIN_DWELLS = 6  # fewest standstills that are drawn as points
+MOST_CURVES = 4  # plots of one finding
 MOST_SPECTRA = 6
 WAVES = 12.0  # a curve goes up and down so often, at most
 VISIBLE = 1e-3  # of a functional form
 
 
-def law_plots(finding: Finding) -> list[Plot]:
-    """The functional form of a finding over the coordinate that it follows: what deviates at the
+def curve_plots(finding: Finding) -> list[Plot]:
+    """The functional form of a finding over the coordinate that it follows: deviations at the
     table first, then the channels that show it, each mounting as a series of its own.
     """
     grouped: dict[tuple[str, str, str], list[LawView]] = {}
-    for law in finding.laws:
-        wanted = law.sensor in finding.sensors and law.axis in finding.axes
-        if wanted or not law.sensor:
-            grouped.setdefault((law.subject, law.unit, law.sensor), []).append(law)
+    for view in finding.laws:
+        wanted = view.sensor in finding.sensors and view.axis in finding.axes
+        if wanted or not view.sensor:
+            grouped.setdefault((view.subject, view.unit, view.sensor), []).append(view)
     order = sorted(grouped, key=lambda key: (bool(key[2]), -_size(grouped[key])))
-    plots = [_law_plot(grouped[key], finding.where.coordinate) for key in order[:MOST_LAWS]]
+    plots = [_curve_plot(grouped[key], finding.where.coordinate) for key in order[:MOST_CURVES]]
     return [p for p in plots if p is not None]
 
 
-def _size(laws: Sequence[LawView]) -> float:
-    return max(float(np.ptp(law.law)) for law in laws)
+def _size(views: Sequence[LawView]) -> float:
+    return max(float(np.ptp(view.law)) for view in views)
 
 
-def _size_in_words(laws: Sequence[LawView], unit: str) -> str:
-    """How much a functional form varies, or what it is throughout."""
-    largest = max((law.law for law in laws), key=lambda values: float(np.abs(values).max()))
-    if _size(laws) < VISIBLE * float(np.abs(largest).max()):
+def _size_text(views: Sequence[LawView], unit: str) -> str:
+    """Range of a functional form, or its constant value."""
+    largest = max((view.law for view in views), key=lambda values: float(np.abs(values).max()))
+    if _size(views) < VISIBLE * float(np.abs(largest).max()):
         return f"{float(np.mean(largest)):.3g} {unit} throughout"
-    return f"{_size(laws):.3g} {unit} from lowest to highest"
+    return f"{_size(views):.3g} {unit} from lowest to highest"
 
 
-def _law_plot(laws: Sequence[LawView], coordinate: str) -> Plot | None:
-    name = laws[0].follows or _coordinate_of([law.coordinates for law in laws], coordinate)
+def _curve_plot(views: Sequence[LawView], coordinate: str) -> Plot | None:
+    name = views[0].follows or _coordinate_of([view.coordinates for view in views], coordinate)
     if name is None:
         return None
-    title, unit = coordinate_title(name), unit_sign(laws[0].unit)
+    title, unit = coordinate_title(name), unit_sign(views[0].unit)
     hover = f"{title} %{{x:.4g}}<br>%{{y:.4g}} {unit}"
-    standstills = coordinate not in MOVING and all(law.still.sum() >= MIN_DWELLS for law in laws)
+    standstills = coordinate not in MOVING and all(view.still.sum() >= MIN_DWELLS for view in views)
     traces: list[Trace] = []
-    for k, law in enumerate(laws):
-        shown = law.still if standstills else np.ones(len(law.law), bool)
-        traces += _law_traces(law, name, shown, _where(law, laws), 2 * k, hover)
-    what = laws[0].subject
-    peak = _size_in_words(laws, unit)
+    for k, view in enumerate(views):
+        shown = view.still if standstills else np.ones(len(view.law), bool)
+        traces += _curve_traces(view, name, shown, _where(view, views), 2 * k, hover)
+    what = views[0].subject
+    peak = _size_text(views, unit)
     return Plot(
         traces,
         f"{what}: the curve over {title.partition(',')[0]}, {peak}.",
         f"Curve of the finding in {what} against {title}: {peak}",
-        axes(title, f"{what if laws[0].sensor else 'deviation'}, {unit}", showlegend=True),
+        axes(title, f"{what if views[0].sensor else 'deviation'}, {unit}", showlegend=True),
     )
 
 
-def _law_traces(
-    law: LawView, coordinate: str, shown: Mask, where: str, index: int, hover: str
+def _curve_traces(
+    view: LawView, coordinate: str, shown: Mask, where: str, index: int, hover: str
 ) -> Iterator[Trace]:
-    """What is measured, the whole law and its leading form, over a coordinate."""
-    order = np.flatnonzero(shown)[np.argsort(law.coordinates[coordinate][shown], kind="stable")]
-    u = law.coordinates[coordinate][order]
-    if len(law.data):
-        sigma, values = law.sigma[order], law.data[order]
+    """Measured values, the whole curve and its leading form, over a coordinate."""
+    order = np.flatnonzero(shown)[np.argsort(view.coordinates[coordinate][shown], kind="stable")]
+    u = view.coordinates[coordinate][order]
+    if len(view.data):
+        sigma, values = view.sigma[order], view.data[order]
         measured = points(u, values, f"measured{where}", index + 1, sigma=sigma, hover=hover)
         yield measured | {"opacity": 0.65}
-    whole, leading = law.law[order], law.leading[order]
-    completed = not np.allclose(leading, whole, atol=VISIBLE * _size([law]))
-    name = f"law{', with what completes it' if completed else ''}{where}"
+    whole, leading = view.law[order], view.leading[order]
+    completed = not np.allclose(leading, whole, atol=VISIBLE * _size([view]))
+    name = f"curve{', with what completes it' if completed else ''}{where}"
     yield _joined(u, whole, name, index, "solid", hover)
     if completed:
         yield _joined(u, leading, f"its leading form alone{where}", index + 3, "dot", hover)
 
 
 def _joined(u: Array, values: Array, name: str, index: int, dash: str, hover: str) -> Trace:
-    """A law as a line where it is a curve over the coordinate, else as points; u: increasing."""
+    """A line where the values are a curve over the coordinate, else points.
+
+    Args:
+        u: coordinate, increasing, (n,).
+        values: deviation, (n,).
+        name: legend.
+        index: number of the colour.
+        dash: style of the line.
+        hover: text at a point.
+    """
     path = float(np.abs(np.diff(values)).sum())
     if path < WAVES * float(np.ptp(values)):
         return line(
@@ -143,7 +152,9 @@ def coordinate_title(name: str) -> str:
     """``table_outer_deg`` -> ``outer angle, °``."""
     stem, unit = split_unit(name)
     axis = axis_of(stem)
-    text = WORDS.get(stem, f"{axis} angle" if axis else stem.replace("_", " along body "))
+    text = COORDINATE_TITLES.get(
+        stem, f"{axis} angle" if axis else stem.replace("_", " along body ")
+    )
     return f"{text}, {unit_sign(unit)}" if unit else text
 
 
@@ -274,7 +285,9 @@ def write_diagnosis(
             "Not visible",
             "Noise and residual",
         ),
-        findings=[{"f": f, "laws": law_plots(f), "rivals": _rivals(f)} for f in diagnosis.findings],
+        findings=[
+            {"f": f, "laws": curve_plots(f), "rivals": _alternatives(f)} for f in diagnosis.findings
+        ],
         heldout=heldout_plots(diagnosis.views),
         heldout_rows=heldout_rows(diagnosis.views),
         spectrum=spectrum_plot(diagnosis.spectra),
@@ -291,7 +304,7 @@ def lead(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "match":
         return "The recording agrees with the scenario."
     if not diagnosis.findings:
-        return "The recording does not tell whether the scenario is complete."
+        return "The recording does not determine whether the scenario is complete."
     faults = [f for f in diagnosis.findings if f.stage == "data"]
     physics = [f for f in diagnosis.findings if f.stage != "data"]
     parts = [f"the recording has {_list(faults)}"] * bool(faults)
@@ -309,7 +322,7 @@ def lead(diagnosis: Diagnosis) -> str:
 
 
 def _list(findings: Sequence[Finding]) -> str:
-    """Findings as text; those of the same words together."""
+    """Findings as text; those of the same text together."""
     counts = Counter(map(_named, findings))
     texts = [f"{name}{f' ({n} times)' if n > 1 else ''}" for name, n in counts.items()]
     return " and ".join(texts)
@@ -325,16 +338,16 @@ def _named(finding: Finding) -> str:
         f"{name} {value:.4g} ± {sigma:.2g}"
         for name, (value, sigma) in list(finding.parameters.items())[:2]
     )
-    position = " ".join((*finding.sensors, ", ".join(finding.axes))).strip()
-    return f"{what}{f' on {position}' if position else ''}{f' ({sizes})' if sizes else ''}"
+    channel = " ".join((*finding.sensors, ", ".join(finding.axes))).strip()
+    return f"{what}{f' on {channel}' if channel else ''}{f' ({sizes})' if sizes else ''}"
 
 
-def _rivals(finding: Finding) -> list[dict[str, Any]]:
-    """The alternatives of a finding, and why each lost, or did not."""
+def _alternatives(finding: Finding) -> list[dict[str, Any]]:
+    """The alternatives of a finding, and the reason why each was excluded, or not."""
     rows = []
     for name, cosine, separation in finding.rivals:
         if name in finding.names:
-            why = "not excluded: this recording cannot tell it from the finding"
+            why = "not excluded: this recording cannot separate it from the finding"
         elif separation > 0:
             form = "nearly the same form" if cosine > SAME_FORM else "another form"
             better = f"{separation / 2:.1f} nats"

@@ -16,12 +16,12 @@ SUBJECT = (219, 79, 69)
 
 
 def write_scene(path: Path, scene: Scene, labels: Sequence[str], rate_hz: float) -> None:
-    """Write a page that holds the table in motion and the program that draws it; it opens offline.
+    """Write a page with the table in motion and the program that draws it; it opens offline.
 
     Args:
         path: of the HTML file.
         scene: the table's solids at each instant.
-        labels: what to say of each instant.
+        labels: a label for each instant.
         rate_hz: instants a second of playing.
 
     Raises:
@@ -38,7 +38,7 @@ def write_scene(path: Path, scene: Scene, labels: Sequence[str], rate_hz: float)
 
 
 def _played(server: "object", scene: Scene, labels: Sequence[str], rate_hz: float) -> str:
-    """The page of a scene that a server has been told frame by frame."""
+    """The page of a scene that a server receives frame by frame."""
     from scipy.spatial.transform import Rotation
 
     shown = server.scene  # type: ignore[attr-defined]

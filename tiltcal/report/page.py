@@ -56,8 +56,9 @@ def write_page(path: Path, template: str, **values: Any) -> None:
 
 
 def rendered(template: str, **values: Any) -> str:
-    """A page from a template. Beside the values it has ``version``, ``plotly()`` for the script
-    that draws, ``plots(plot)`` for what the macro ``plot`` shows, and the filter ``sign`` of units.
+    """A page from a template. In addition to the values it has ``version``, ``plotly()`` for the
+    script that draws, ``plots(plot)`` for what the macro ``plot`` shows, and the filter ``sign`` of
+    units.
     """
     page = _environment().get_template(f"{template}.html.jinja")
     return page.render(version=__version__, plotly=_plotly, plots=Numbered(), **values)

@@ -26,8 +26,10 @@ class Plot:
 
     Args:
         traces: as plotly reads them.
-        caption: what it shows, below the plot; alternative: the same for those who do not see it.
-        layout: as plotly reads it; frames: of an animation.
+        caption: what it shows, below the plot.
+        alternative: the same for those who do not see it.
+        layout: as plotly reads it.
+        frames: of an animation.
         height: px.
     """
 

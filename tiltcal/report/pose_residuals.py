@@ -22,7 +22,8 @@ class PoseRow:
     """One pose.
 
     Args:
-        start_s, end_s: of the dwell; label: the operator's word, or nothing.
+        start_s, end_s: of the dwell.
+        label: label of the operator, or empty.
         angles: of the table axes, deg.
         residuals: corrected specific force less the true one, ug, by channel; of unknown attitude
             one ``norm``.
@@ -46,7 +47,7 @@ class Tilt:
     Args:
         before, after: root mean square of the uncorrected and of the corrected reading.
         worst_before, worst_after: largest of them; None where it is predicted and not measured.
-        over: the directions, and what the figures rest on, as text.
+        over: the directions, and the basis of the figures, as text.
     """
 
     before: float
@@ -115,7 +116,7 @@ def _rows(calibration: Calibration, poses: Poses, setup: Setup) -> list[PoseRow]
 def _tilt_errors(f: Array, up: Array, g: float, free: bool) -> Array:
     """Angle between true and estimated up at each pose, rad, (m,).
 
-    Two channels do not tell up from down: their third component takes the pose's own sign.
+    Two channels do not distinguish up from down: their third component takes the pose's own sign.
     """
     estimate = estimated_up(f, g)
     if f.shape[1] == 2:

@@ -25,7 +25,7 @@ class Pose:
 
     Args:
         up: in the body frame, (3,); gravity points the other way.
-        angles: of the table axes, deg; empty by hand.
+        angles: of the table axes, deg; empty where hand-held.
         start_s: s from the first stamp of the recording.
         group: recording and mounting, or design, as text.
         mount: R_mount, (3, 3).
@@ -38,13 +38,13 @@ class Pose:
     mount: Array
 
     @property
-    def words(self) -> str:
+    def label(self) -> str:
         """Angles, time and direction, for a label."""
         up = ", ".join(f"{u:+.3f}" for u in self.up)
-        return f"{self.place}; up ({up})"
+        return f"{self.angles_and_time}; up ({up})"
 
     @property
-    def place(self) -> str:
+    def angles_and_time(self) -> str:
         """Angles and time, for a label."""
         angles = ", ".join(f"{name} {angle:.4g}°" for name, angle in self.angles.items())
         when = f"from {self.start_s:.4g} s"
@@ -52,8 +52,8 @@ class Pose:
 
 
 def poses_of(recordings: Sequence[Recording], setup: Setup) -> list[Pose]:
-    """The poses of some recordings of one set-up: by the table's readout and the nominal table, by
-    hand by what the accelerometer reads. A recording in which nothing tells them has none.
+    """The poses of some recordings of one set-up: by the table's readout and the nominal table, of
+    hand-held ones by the accelerometer. A recording that determines none gives none.
     """
     found: list[Pose] = []
     for recording in recordings:
@@ -72,7 +72,7 @@ def poses_at(
 
     Args:
         axes: names of the axes that tilt.
-        setup: rig; its nominal mounting holds throughout.
+        setup: rig; its nominal mounting is used throughout.
         up: in the body frame, (n, 3).
         angles: of ``axes``, rad, (n, axes).
         starts: of the readings, s, (n,).
@@ -89,8 +89,8 @@ def poses_of_steps(steps: Sequence[Step], setup: Setup, group: str) -> list[Pose
     """The dwells of a sequence of steps.
 
     Args:
-        steps: in laboratory words.
-        setup: whose table follows them.
+        steps: steps of a sequence.
+        setup: site, table and sensors.
         group: what the poses belong to, as text.
     """
     schedule = build_schedule(tuple(steps), setup.rig)
@@ -111,12 +111,12 @@ def poses_of_steps(steps: Sequence[Step], setup: Setup, group: str) -> list[Pose
 
 
 def _turned(setup: Setup, positions: Mapping[str, float]) -> dict[str, float]:
-    """Angles of the axes that turn, deg. places: of all axes, rad and m."""
+    """Angles of the axes that turn, deg. positions: of all axes, rad and m."""
     return {name: float(positions[name] / DEG) for name in setup.rig.kind.turning}
 
 
 def drive_of(poses: Sequence[Pose], setup: Setup) -> Drive:
-    """The table at rest in some poses, one a second."""
+    """The table at standstill in some poses, one a second."""
     time = np.arange(len(poses), dtype=float)
     zero = np.zeros(len(poses))
     axes = {

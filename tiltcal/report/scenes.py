@@ -34,7 +34,7 @@ def sphere_plot(poses: Sequence[Pose]) -> Plot | None:
             | {
                 "mode": "markers",
                 "name": group,
-                "text": [f"pose {n}: {p.words}" for n, p in mine],
+                "text": [f"pose {n}: {p.label}" for n, p in mine],
                 "marker": {"size": 6, "color": colour(k)},
                 "hovertemplate": "%{fullData.name}<br>%{text}<extra></extra>",
             }

@@ -1,4 +1,4 @@
-"""What a certificate says that no recording holds: who, what, where and when."""
+"""Entries of a certificate that no recording contains: who, what, where and when."""
 
 import re
 from dataclasses import dataclass

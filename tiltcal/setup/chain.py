@@ -2,7 +2,7 @@
 where the instrument sits among them.
 
 Link frames have their origin on the axis and z along it. At readout zero a link stands in its
-parent's frame as its ``LinkFrame`` says; the base's frame is the world's: East, North, Up.
+parent's frame as its ``LinkFrame`` states; the base's frame is the world's: East, North, Up.
 """
 
 from collections.abc import Mapping
@@ -59,10 +59,9 @@ class Link(LinkFrame):
         joint: of the model that it was read from.
         slides: along its axis, instead of turning about it.
         sign: -1 where the readout counts the other way than that joint.
-        offset_deg, offset_mm: the joint's angle, or its place where it slides, where the readout
-            says zero.
-        reference_deg: what the readout of a joint that turns says where the model stands at its
-            reference.
+        offset_deg, offset_mm: the joint's angle, or its position where it slides, at readout
+            zero.
+        reference_deg: readout of a joint that turns with the model at its reference.
         range_deg, range_mm: lowest and highest readout by the range of the joint, in mm where it
             slides; None: it has none.
         mass_kg, centre_m: of all that moves with it, and where that has its centre of mass.
@@ -93,7 +92,7 @@ class Link(LinkFrame):
 
     @property
     def zero(self) -> float:
-        """Angle or place of the joint where the readout says zero, rad or m."""
+        """Angle or position of the joint at readout zero, rad or m."""
         return self.offset_mm * MM if self.slides else self.offset_deg * DEG
 
     @cached_property
@@ -104,7 +103,7 @@ class Link(LinkFrame):
 
 
 class Chain(StrictTable):
-    """The links, each after its parent, and the instrument's place."""
+    """The links, each after its parent, and the position of the instrument."""
 
     link: tuple[Link, ...]
     instrument: LinkFrame = LinkFrame()

@@ -17,7 +17,7 @@ from tiltcal.setup.tables import bearing
 from tiltcal.setup.trajectory import Jet, sampled_jet
 
 Moments = dict[str, Array]
-BESIDE = 1e-3  # s before and after, from which the rate of a load follows
+DIFFERENCE_S = 1e-3  # s before and after, from which the rate of a load follows
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Mass:
     Args:
         axis: of the link.
         mass: kg.
-        at: its place in the link's frame, m, (3,).
+        at: its position in the link's frame, m, (3,).
     """
 
     axis: str
@@ -63,7 +63,7 @@ class _Load:
     moment: Array
 
     def add(self, force: Array, moment: Array, r: Array) -> None:
-        """Add a force at a place r, m, (3,), and a moment about that place."""
+        """Add a force at a point r, m, (3,), and a moment about that point."""
         self.force = self.force + force
         self.moment = self.moment + moment + np.cross(r, force)
 
@@ -78,9 +78,9 @@ def moments(
 
     Args:
         chain: the links.
-        axes: their angles or places with rates and accelerations, (n,) each.
-        gravity: m/s2; the base is taken as level and at rest.
-        masses: on the links, beside theirs.
+        axes: their angles or positions with rates and accelerations, (n,) each.
+        gravity: m/s2; the base is taken as level and at standstill.
+        masses: on the links, in addition to theirs.
     """
     n = max(np.size(jet.x) for jet in axes.values())
     zero = np.zeros((n, 3))
@@ -174,7 +174,7 @@ class Loads:
         time: s, (n,).
         axes: true angles of the axes.
         gravity: m/s2.
-        masses: on the links, beside theirs.
+        masses: on the links, in addition to theirs.
         rows_apart: whether the rows are no course in time: see ``Drive``.
     """
 
@@ -214,10 +214,10 @@ class Loads:
         """
         before, here, after = (
             self._moments({a: _later(jet, by) for a, jet in self._rows.items()})
-            for by in (-BESIDE, 0.0, BESIDE)
+            for by in (-DIFFERENCE_S, 0.0, DIFFERENCE_S)
         )
-        rate = {a: (after[a] - before[a]) / (2 * BESIDE) for a in here}
-        return here, rate, {a: (after[a] - 2 * here[a] + before[a]) / BESIDE**2 for a in here}
+        rate = {a: (after[a] - before[a]) / (2 * DIFFERENCE_S) for a in here}
+        return here, rate, {a: (after[a] - 2 * here[a] + before[a]) / DIFFERENCE_S**2 for a in here}
 
     @cached_property
     def _rows(self) -> dict[str, Jet]:

@@ -48,8 +48,10 @@ def directions(scheme: str) -> Array:
 
 
 def label_of(up: Array) -> str:
-    """The operator's word for an up direction: ``+x``, or ``[0.707, 0, 0.707]``. up: in the body
-    frame, (3,).
+    """The operator's label for an up direction: ``+x``, or ``[0.707, 0, 0.707]``.
+
+    Args:
+        up: in the body frame, (3,).
     """
     i = int(np.argmax(np.abs(up)))
     if abs(up[i]) > 1 - 1e-9:
@@ -59,7 +61,13 @@ def label_of(up: Array) -> str:
 
 def table_angles(rig: Rig, up: Array, number: int, subject: str) -> Array:
     """Angles of the table's axes, rad, outermost first, that turn ``up`` of the nominal body frame
-    up. up: (3,).
+    up.
+
+    Args:
+        rig: table and mounting.
+        up: (3,).
+        number: number of the pose.
+        subject: subject of messages.
 
     Raises:
         TiltcalError: the table cannot reach every direction.

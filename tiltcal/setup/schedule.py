@@ -15,19 +15,19 @@ from tiltcal.core.units import DEG, MM
 from tiltcal.setup.pose_schemes import directions, label_of, table_angles
 from tiltcal.setup.sequence import Climate, Step
 from tiltcal.setup.setup import Rig
-from tiltcal.setup.trajectory import Attitude, Drive, Jet, Rests
+from tiltcal.setup.trajectory import Attitude, Drive, Jet, Standstills
 
 RAMP = 0.4  # s, the time a drive takes to reach its rate or to stop
 
 
 @dataclass(frozen=True)
 class Leg:
-    """A stretch of the schedule: from angles ``q0``, along ``dq`` with a time law.
+    """A section of the schedule: from angles ``q0``, along ``dq`` with a motion profile.
 
     Args:
         t0, t1: s.
         q0, dq: rad, (axes,); hand-held: rotation vector about a body axis from attitude ``R0``.
-        law: ``rest``, ``ramp`` (smooth start, constant rate, smooth stop) or ``swing``.
+        profile: ``rest``, ``ramp`` (smooth start, constant rate, smooth stop) or ``swing``.
         ramp: s, of the start and of the stop.
         frequency: Hz, of a swing.
     """
@@ -36,7 +36,7 @@ class Leg:
     t1: float
     q0: Array
     dq: Array
-    law: Literal["rest", "ramp", "swing"] = "rest"
+    profile: Literal["rest", "ramp", "swing"] = "rest"
     ramp: float = RAMP
     frequency: float = 0.0
     R0: Array | None = None
@@ -47,12 +47,12 @@ class Leg:
     def progress(self, time: Array) -> Jet:
         """Share of ``dq`` covered, with its derivatives. time: s, (n,)."""
         t = time - self.t0
-        if self.law == "rest":
+        if self.profile == "rest":
             zero = np.zeros_like(t)
             return Jet(zero, zero, zero)
         return (
             _swing(t, self.t1 - self.t0, self.frequency)
-            if self.law == "swing"
+            if self.profile == "swing"
             else _ramp(t, self.t1 - self.t0, self.ramp)
         )
 
@@ -62,18 +62,18 @@ def _ramp(t: Array, duration: float, ramp: float) -> Jet:
     acceleration.
     """
     w = 1.0 / (duration - ramp)
-    late = t > duration / 2
-    u = np.clip(np.where(late, duration - t, t) / ramp, 0.0, None)
+    second_half = t > duration / 2
+    u = np.clip(np.where(second_half, duration - t, t) / ramp, 0.0, None)
     rising = u < 1
     r = np.minimum(u, 1.0)
     s = w * ramp * np.where(rising, r * r / 2 + (np.cos(2 * pi * r) - 1) / (4 * pi * pi), u - 0.5)
     v = w * np.where(rising, r - np.sin(2 * pi * r) / (2 * pi), 1.0)
     a = w / ramp * np.where(rising, 1 - np.cos(2 * pi * r), 0.0)
-    return Jet(np.where(late, 1 - s, s), v, np.where(late, -a, a))
+    return Jet(np.where(second_half, 1 - s, s), v, np.where(second_half, -a, a))
 
 
 def _swing(t: Array, duration: float, frequency: float) -> Jet:
-    """A sine under a sin^2 envelope that starts and ends at rest."""
+    """A sine under a sin^2 envelope that starts and ends at standstill."""
     p, q = pi / duration, 2 * pi * frequency
     e, ev, ea = np.sin(p * t) ** 2, p * np.sin(2 * p * t), 2 * p * p * np.cos(2 * p * t)
     s, sv, sa = np.sin(q * t), q * np.cos(q * t), -q * q * np.sin(q * t)
@@ -120,18 +120,20 @@ class Schedule:
                 found.append((int(row), text))
         return tuple(found)
 
-    def rests(self) -> Rests:
+    def standstills(self) -> Standstills:
         """When each standstill begins and ends."""
         begin = {leg.stop: leg.t0 for leg in reversed(self.legs) if leg.stop >= 0}
         end = {leg.stop: leg.t1 for leg in self.legs if leg.stop >= 0}
         if self.legs[-1].stop >= 0:
             end[self.legs[-1].stop] = np.inf
-        found = Rests(*(np.array([side[k] for k in sorted(begin)]) for side in (begin, end)))
+        found = Standstills(*(np.array([side[k] for k in sorted(begin)]) for side in (begin, end)))
         return found.led_in(self.legs[0].stop < 0)
 
     def drive(self, time: Array) -> Drive:
-        """The drive at these times (before the first and after the last instant it rests). time: s,
-        (n,).
+        """The drive at these times (standstill before the first and after the last instant).
+
+        Args:
+            time: s, (n,).
         """
         which = self.leg_of(time)
         inside = np.clip(time, *self.times)
@@ -158,7 +160,7 @@ class Schedule:
             tuple((row, parse_mount(text)) for row, text in self.mountings(time)),
             attitude,
             np.ones(len(time), bool),
-            rests=self.rests,
+            standstills=self.standstills,
         )
 
 
@@ -279,13 +281,13 @@ class _Builder:
         start, end = self.q.copy(), self._target(step)
         sizes = np.where(self.slides, step.step_mm * MM, step.step_deg * DEG)
         steps = float((np.abs(end - start) / sizes).max()) - 1e-9
-        self._require_room(steps)
+        self._require_few_legs(steps)
         n = max(1, ceil(steps))
         for k in range(0 if not self.legs else 1, n + 1):
             self._go(start + (end - start) * k / n, step)
             self._dwell(step.dwell_s)
 
-    def _require_room(self, more: float) -> None:
+    def _require_few_legs(self, more: float) -> None:
         """Refuse more legs than a sequence may have."""
         if not len(self.legs) + more <= MOST_LEGS:
             raise TiltcalError(
@@ -317,7 +319,7 @@ class _Builder:
         if step.action in ("sweep", "oscillate") or step.angles_deg:
             raise TiltcalError(
                 self.subject,
-                found="table words",
+                found="options of a table",
                 need="rest, move with up, or turn with axis and angle_deg",
                 do="correct the step",
             )
@@ -361,7 +363,7 @@ class _Builder:
         self,
         duration: float,
         dq: Array,
-        law: Literal["rest", "ramp", "swing"],
+        profile: Literal["rest", "ramp", "swing"],
         frequency: float = 0.0,
     ) -> None:
         leg = Leg(
@@ -369,7 +371,7 @@ class _Builder:
             self.t + duration,
             self.q.copy(),
             dq,
-            law,
+            profile,
             RAMP,
             frequency,
             self.R,

@@ -73,12 +73,13 @@ class Converter(StrictTable):
     are an AD7705 behind a quartz flexure accelerometer (fCLK 2.4576 MHz).
 
     Args:
-        current_mA_g: of the accelerometer's loop; resistor_ohm: it flows through; amplifier: gain
-            before the converter.
+        current_mA_g: of the accelerometer's loop.
+        resistor_ohm: it flows through.
+        amplifier: gain before the converter.
         lowpass_hz: corner of the first-order filter behind the amplifier.
         reference_V, gain, bits: of the converter: it takes +- reference/gain.
-        modulator_hz: rate of the modulator; output_hz: of the sinc3 filter, whose notches lie at
-            its multiples.
+        modulator_hz: rate of the modulator.
+        output_hz: of the sinc3 filter, whose notches lie at its multiples.
         settle: conversions until a channel has settled after the switch; the last one is kept.
     """
 
@@ -104,8 +105,8 @@ class Converter(StrictTable):
         return self.reference_V / self.gain / self.volts_per_si
 
     @property
-    def code(self) -> float:
-        """Width of a code, m/s2."""
+    def lsb(self) -> float:
+        """LSB, m/s2."""
         return 2 * self.limit / 2**self.bits
 
     @property

@@ -18,7 +18,7 @@ from tiltcal.setup.sequence import Step, sliding_axes
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import FILE_AXES, angle_key, axis_names, length_key
 
-# all go to the angles of their row; a turn and a sweep say that the way there matters
+# all go to the angles of their row; for a turn and a sweep the path matters
 GOING = (
     "move",
     "turn",
@@ -30,7 +30,7 @@ WHOLE_TURN = 360.0  # deg
 
 def sequence_columns(axes: Sequence[str], sliding: Sequence[str] = ()) -> tuple[str, ...]:
     """Columns of a sequence file: the angles of the usual axes and of any further one, and the
-    places of those that slide.
+    positions of those that slide.
     """
     keys = [*map(angle_key, dict.fromkeys((*FILE_AXES, *axes))), *map(length_key, sliding)]
     rates = ("rate_deg_s", "rate_mm_s") if sliding else ("rate_deg_s",)
@@ -41,7 +41,7 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
     """The file of a sequence: every move and dwell with the angles it ends at.
 
     Raises:
-        TiltcalError: a step has no word in the file: an oscillation, or anything hand-held.
+        TiltcalError: the file has no action for a step: an oscillation, or anything hand-held.
     """
     if not rig.axes:
         raise TiltcalError(
@@ -53,17 +53,17 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
     rows: list[dict[str, str]] = []
     mount, here = rig.mount, np.zeros(len(rig.axis_names))
     for leg in build_schedule(steps, rig).legs:
-        if leg.law == "swing":
+        if leg.profile == "swing":
             raise TiltcalError(
                 "sequence file",
                 found="action oscillate",
-                need=_words(ACTIONS),
+                need=_one_of(ACTIONS),
                 do="turn to and fro instead",
             )
         if leg.mount != mount:
             mount = leg.mount
             rows.append({"action": "remount", "mount": mount})
-        if leg.law == "ramp":
+        if leg.profile == "ramp":
             rows.append(_going(leg, rig, here))
             here = leg.q0 + leg.dq
         elif rows and rows[-1]["action"] in GOING and "dwell_s" not in rows[-1]:
@@ -112,7 +112,7 @@ def _number(value: float) -> str:
     return f"{round(float(value), 6) + 0.0:g}"
 
 
-def _words(valid: Sequence[str]) -> str:
+def _one_of(valid: Sequence[str]) -> str:
     return "one of " + ", ".join(valid)
 
 
@@ -140,7 +140,7 @@ def read_sequence(path: Path | str) -> tuple[Step, ...]:
             raise TiltcalError(
                 f"sequence {path.name}",
                 found=f"column '{name}'",
-                need=_words(columns),
+                need=_one_of(columns),
                 do=nearest(name, [*columns]),
             )
     if "action" not in head or not rows:
@@ -161,7 +161,7 @@ def _step(row: Mapping[str, str | None], subject: str) -> Step:
         raise TiltcalError(
             subject,
             found=f"action '{action}'",
-            need=_words(ACTIONS),
+            need=_one_of(ACTIONS),
             do=nearest(action, [*ACTIONS]),
         )
     known: dict[str, float] = {}

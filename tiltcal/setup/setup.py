@@ -149,14 +149,14 @@ def _rig_at(rig: Rig, position: LinkFrame) -> Rig:
 
 
 class Setup(StrictTable):
-    """Site, rig and sensors: what an honest user knows of a laboratory."""
+    """Site, rig and sensors: what a user knows of a laboratory."""
 
     site: Site
     rig: Rig
     sensor: tuple[Sensor, ...] = ()
 
     @model_validator(mode="after")
-    def _places_exist(self) -> "Setup":
+    def _links_exist(self) -> "Setup":
         for s in self.sensor:
             if s.place is not None and s.place.on not in {BASE, *(k.axis for k in self.rig.link)}:
                 raise ValueError(f"sensor '{s.name}' on '{s.place.on}', which is no link")

@@ -85,7 +85,7 @@ class Table:
         return "mm" if axis in self.sliding else "deg"
 
     def key(self, axis: str) -> str:
-        """Key of the place of an axis in a sequence."""
+        """Key of the position of an axis in a sequence."""
         return f"{axis}_{self.unit(axis)}"
 
     def size(self, axis: str) -> float:
@@ -259,7 +259,7 @@ def angle_key(axis: str) -> str:
 
 
 def length_key(axis: str) -> str:
-    """Key of the place of an axis that slides, in a sequence."""
+    """Key of the position of an axis that slides, in a sequence."""
     return f"{axis}_mm"
 
 
@@ -285,7 +285,7 @@ def up_in_body(
         moving: axes that move the instrument with the coordinate axis that each turns about or
             slides along, outermost first.
         chain: the links of a user's own model; None on a table.
-        axes: angles, rad, and places, m.
+        axes: angles, rad, and positions, m.
         drive: has the mountings.
     """
     up = np.zeros((len(drive.time), 3))

@@ -66,8 +66,11 @@ class Jet:
 
 
 def sampled_jet(time: Array, x: Array) -> Jet:
-    """A jet of a slowly varying quantity known at samples only, by finite differences. time, x:
-    (n,). time: s.
+    """A jet of a slowly varying quantity known at samples only, by finite differences.
+
+    Args:
+        time, x: (n,).
+        time: s.
     """
     if len(time) < 3 or np.ptp(x) == 0:
         return Jet(x, np.zeros_like(x), np.zeros_like(x))
@@ -92,7 +95,7 @@ class Attitude:
 
 @dataclass(frozen=True)
 class Drive:
-    """What the table was asked to do, or said it did, at given times.
+    """Demand to the table, or its readout, at given times.
 
     Args:
         time: s, (n,).
@@ -100,16 +103,16 @@ class Drive:
         start: the first stamp of the recording, s.
         temperature: degC, (n,).
         reference_temperature: T0, the mean of the temperature column, degC.
-        stop: number of the stop each row rests at, (n,), -1 while moving.
+        stop: number of the stop of each row, (n,), -1 while moving.
         mounts: (first row, R_mount) of each mounting, in order.
         attitude: of a hand-held body; None on a table.
         known: rows where the readout is known, (n,) bool.
         structure: what a run by time steps found: deviation of an axis from its readout, and
             deflections of the structure's own joints, by name.
-        realised: addresses of the effects that the readout or ``structure`` already holds: the
+        realised: addresses of the effects that the readout or ``structure`` already includes: the
             algebra leaves them out.
-        rests: says when each standstill began and ended; None: with the first and the last row of
-            a stop.
+        standstills: function that returns when each standstill began and ended; None: with the
+            first and the last row of a stop.
         rows_apart: whether the rows are no course in time, as where many rigs are stepped together
             or the next row is not known yet: each has its own motion alone.
     """
@@ -125,7 +128,7 @@ class Drive:
     known: npt.NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, bool))
     structure: Mapping[str, Jet] = field(default_factory=dict)
     realised: tuple[str, ...] = ()
-    rests: "Callable[[], Rests] | None" = None
+    standstills: "Callable[[], Standstills] | None" = None
     rows_apart: bool = False
 
     @property
@@ -135,7 +138,7 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Rests:
+class Standstills:
     """When each standstill began and ended, s, (m,), in order; a recording that begins amid a move
     follows a standstill long ago.
     """
@@ -144,7 +147,9 @@ class Rests:
     end: Array
 
     @classmethod
-    def at(cls, standstills: "Callable[[], Rests] | None", time: Array, stop: Index) -> "Rests":
+    def at(
+        cls, standstills: "Callable[[], Standstills] | None", time: Array, stop: Index
+    ) -> "Standstills":
         """What ``standstills`` returns, or else the rows of each stop.
 
         Args:
@@ -155,7 +160,7 @@ class Rests:
         return cls.of_rows(time, stop) if standstills is None else standstills()
 
     @classmethod
-    def of_rows(cls, time: Array, stop: Index) -> "Rests":
+    def of_rows(cls, time: Array, stop: Index) -> "Standstills":
         """From the first row of each stop to its last.
 
         Args:
@@ -166,16 +171,16 @@ class Rests:
         last = np.flatnonzero((stop >= 0) & (np.concatenate([stop[1:], [-1]]) != stop))
         return cls(time[first], time[last]).led_in(bool(len(stop)) and bool(stop[0] < 0))
 
-    def led_in(self, moving: bool) -> "Rests":
+    def led_in(self, moving: bool) -> "Standstills":
         """With a standstill long ago where the recording begins amid a move."""
         return (
-            Rests(*(np.concatenate([[-np.inf], side]) for side in (self.begin, self.end)))
+            Standstills(*(np.concatenate([[-np.inf], side]) for side in (self.begin, self.end)))
             if moving
             else self
         )
 
-    def holds(self, time: Array) -> npt.NDArray[np.bool_]:
-        """Whether it rests, (n,). time: s."""
+    def contains(self, time: Array) -> npt.NDArray[np.bool_]:
+        """Whether the table stands still, (n,). time: s, (n,)."""
         at = np.searchsorted(self.begin, time, side="right") - 1
         return (
             (at >= 0) & (time <= self.end[np.maximum(at, 0)])
@@ -185,7 +190,7 @@ class Rests:
 
     def since(self, time: Array) -> Array:
         """Time since the last move ended, s, (n,); 0 while moving."""
-        there = self.holds(time)
+        there = self.contains(time)
         at = np.searchsorted(self.begin, time[there], side="right") - 1
         found = np.zeros(len(time))
         found[there] = time[there] - self.begin[at]

@@ -1,6 +1,6 @@
 """Allan variance of a record at standstill: Q, N, B, K, R with their uncertainty, and which slopes
-the record does not hold. ``RunningAllan`` computes the deviation of a record that comes piece by
-piece, in memory that does not grow with it.
+the record does not determine. ``RunningAllan`` computes the deviation of a record that comes piece
+by piece, in memory that does not grow with it.
 """
 
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ class NoiseModel:
         values: of Q, N, B, K, R, in the unit of the record and seconds; 0 where the slope is not in
             the record.
         sigmas: standard uncertainties.
-        held: which slopes the record holds.
+        held: which slopes the record determines.
         curve: what it was fitted to.
         notes: how the record was read, where not sample by sample.
     """
@@ -154,7 +154,7 @@ def slopes(tau: Array) -> Array:
 
 def fit_noise(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> NoiseModel:
     """Non-negative weighted least squares of the Allan variance; a term below three sigmas is left
-    out and the rest re-fitted.
+    out and the others re-fitted.
     """
     from scipy.optimize import nnls
 
@@ -186,7 +186,7 @@ def fit_noise(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> NoiseModel
     )
 
 
-DENSE = 64  # second differences within an averaging time, at most: more overlap tells nothing new
+DENSE = 64  # second differences within an averaging time, at most: more overlap adds no information
 
 
 class RunningAllan:
@@ -235,7 +235,8 @@ class _Level:
     """Second differences of the running integral at one averaging time.
 
     Args:
-        samples: of the averaging time; stride: between second differences, a divisor of it.
+        samples: of the averaging time.
+        stride: between second differences, a divisor of it.
     """
 
     def __init__(self, samples: int, stride: int) -> None:

@@ -9,23 +9,28 @@ from functools import cache
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 
 ARITHMETIC = 1e-9  # SI: standard deviation below which a recording counts as free of noise
 
-FEW = 50  # readings at rest that tell the noise
+FEW = 50  # readings at standstill that determine the noise
 MAD_TO_SIGMA = 1.482602218505602  # of a normal: standard over median absolute deviation
 
 
 def second_difference_noise(values: Array) -> float:
     """White noise of evenly sampled values from their second differences, in which no slow signal
-    is left: standard deviation of a sample, robust against outliers. values: (n,).
+    is left: standard deviation of a sample, robust against outliers.
+
+    Args:
+        values: (n,).
     """
     return white_of(second_differences(values))
 
 
 def second_differences(values: Array) -> Array:
-    """What each value is off the line through its neighbours, twice, (n,) -> (n - 2,)."""
+    """Second differences, (n,) -> (n - 2,): twice the deviation from the line through the
+    neighbours.
+    """
     return values[2:] - 2 * values[1:-1] + values[:-2]
 
 
@@ -38,43 +43,45 @@ def white_of(second: Array) -> float:
 
 def robust_white(residual: Array) -> float:
     """White noise from second differences, in which no slow signal is left. residual: (n,)."""
-    return _not_below_codes(second_differences(residual))
+    return _limited_by_rounding(second_differences(residual))
 
 
-def white_at_rest(values: Array, stop: Index) -> float:
-    """The same of readings within stops, whose levels differ; of all where the table hardly rests.
+def white_at_standstill(values: Array, stop: Index) -> float:
+    """The same of readings within stops, whose levels differ; of all where the table hardly stands
+    still.
 
     Args:
-        values: (n,). stop: number of the stop of each, -1 while moving, (n,).
+        values: (n,).
+        stop: number of the stop of each value, -1 while moving, (n,).
     """
     from_one = (stop[2:] >= 0) & (stop[2:] == stop[1:-1]) & (stop[2:] == stop[:-2])
     if from_one.sum() < FEW:
         return robust_white(values)
-    return _not_below_codes(second_differences(values)[from_one])
+    return _limited_by_rounding(second_differences(values)[from_one])
 
 
-def _not_below_codes(second: Array) -> float:
-    """White noise of readings by their second differences, (n,), not below a part of these: codes
-    hide the noise of most.
+def _limited_by_rounding(second: Array) -> float:
+    """White noise of readings by their second differences, (n,), not below a share of these:
+    rounding hides the noise of most.
     """
     return max(white_of(second), 0.05 * float(np.std(second)), ARITHMETIC)
 
 
 def pooled_noise(residuals: Sequence[Array]) -> tuple[Array, float]:
-    """Noise of dwells whose means are taken off.
+    """Noise of dwells less their means.
 
     Args:
         residuals: one (n_i, k) array a dwell.
 
     Returns:
-        Covariance of one sample, (k, k), not below rounding to the code (width^2/12); and the
+        Covariance of one sample, (k, k), not below the rounding to the LSB (LSB^2/12); and the
             inflation of the variance of a mean over that of white noise, by batch means, 1 unless
             significant at 0.1 %.
     """
     k = residuals[0].shape[1]
     dof = max(sum(len(r) - 1 for r in residuals), 1)
     covariance = sum((r.T @ r for r in residuals), np.zeros((k, k))) / dof
-    steps = np.array([code_width(residuals[0][:, i]) for i in range(k)])
+    steps = np.array([lsb_width(residuals[0][:, i]) for i in range(k)])
     floor = np.maximum(
         np.where(steps**2 / 12 < 1e-4 * np.diag(covariance), 0.0, steps**2 / 12), ARITHMETIC**2
     )
@@ -101,18 +108,18 @@ def _inflation(residuals: Sequence[Array], variance: Array, dof: int) -> float:
 
 
 NOISE = np.geomspace(0.02, 1.0, 48)
-"""Noise before rounding, in codes: more leaves less than 1e-17 of a code squared."""
-PLACES = np.linspace(-1.0, 1.0, 65)  # of a true value about the median code of its dwell, in codes
-REACH = 7  # codes to either side of the median that readings may lie at
+"""Noise before rounding, LSB: more leaves less than 1e-17 LSB^2."""
+OFFSETS = np.linspace(-1.0, 1.0, 65)  # LSB, of a true value about the median of its dwell
+REACH = 7  # LSB to either side of the median that readings may have
 TERMS = np.arange(1, 200)
 
 
 def left_by_rounding(noise: Array) -> Array:
-    """Variance of the error of a long mean of rounded readings, over true values that lie anywhere
-    in a code, in codes squared.
+    """Variance of the error of a long mean of rounded readings, LSB^2, over true values that lie
+    anywhere within an LSB.
 
     Args:
-        noise: standard deviation of the normal noise before rounding, in codes, (n,).
+        noise: standard deviation of the normal noise before rounding, LSB, (n,).
 
     Source: Widrow and Kollar, Quantization Noise (2008), ch. 4 and 7:
     ``sum 1 / (2 pi^2 k^2) exp(-4 pi^2 k^2 noise^2)``.
@@ -123,38 +130,38 @@ def left_by_rounding(noise: Array) -> Array:
 
 
 def rounding_variance(steps: Array, residuals: Sequence[Array], means: Array) -> Array:
-    """What rounding leaves in the mean of each dwell, (m, k).
+    """Variance that rounding leaves in the mean of each dwell, (m, k).
 
-    Dwells whose means lie within half a code have the same error: their variance is multiplied by
+    Dwells whose means lie within half an LSB have the same error: their variance is multiplied by
     their number, so that together they weigh as one.
 
     Args:
-        steps: widths, 0 where a channel has none, (k,).
+        steps: LSB of each channel, 0 where it has none, (k,).
         residuals: of each dwell, (n_i, k).
-        means: of each, (m, k); in the unit of the codes.
+        means: mean of each dwell, in the unit of ``steps``, (m, k).
     """
     found = np.zeros_like(means)
     dof = max(sum(len(r) - 1 for r in residuals), 1)
-    for i, code in enumerate(steps):
+    for i, lsb in enumerate(steps):
         variance = sum(float(r[:, i] @ r[:, i]) for r in residuals) / dof
-        if code <= 0 or variance > code**2:
+        if lsb <= 0 or variance > lsb**2:
             continue
-        chances = noise_posterior([r[:, i] / code for r in residuals])
-        left = float(chances @ left_by_rounding(NOISE)) * code**2
-        near = np.abs(means[:, i, None] - means[None, :, i]) < code / 2
+        chances = noise_posterior([r[:, i] / lsb for r in residuals])
+        left = float(chances @ left_by_rounding(NOISE)) * lsb**2
+        near = np.abs(means[:, i, None] - means[None, :, i]) < lsb / 2
         found[:, i] = left * near.sum(axis=1)
     return found
 
 
 def noise_posterior(dwells: Sequence[Array]) -> Array:
-    """Probability of each noise of ``NOISE``, which all dwells have, from how often each code was
-    read; the true values lie anywhere.
+    """Probability of each noise of ``NOISE``, which all dwells have, from the counts of each output
+    value; the true values lie anywhere.
 
-    A spread of one code tells little by itself: it is noise, or a true value near the edge of a
-    code. How the readings share the LSBs of all dwells tells which.
+    A spread of one LSB alone is ambiguous: it is noise, or a true value near the edge of an LSB.
+    The counts of all dwells together decide.
 
     Args:
-        dwells: rounded readings of each, in codes about any value, (n_i,).
+        dwells: rounded readings of each dwell, LSB about any value, (n_i,).
     """
     chance = _log_chances()
     total = np.zeros(len(NOISE))
@@ -170,11 +177,11 @@ def noise_posterior(dwells: Sequence[Array]) -> Array:
 
 @cache
 def _log_chances() -> Array:
-    """Log chance of each code for each noise and place, (len(NOISE), len(PLACES), codes)."""
+    """Log probability of each step for each noise and offset, (len(NOISE), len(OFFSETS), steps)."""
     from scipy.special import ndtr
 
-    code = np.arange(-REACH, REACH + 1)
+    steps = np.arange(-REACH, REACH + 1)
     below, above = (
-        ndtr((code + side - PLACES[:, None]) / NOISE[:, None, None]) for side in (-0.5, 0.5)
+        ndtr((steps + side - OFFSETS[:, None]) / NOISE[:, None, None]) for side in (-0.5, 0.5)
     )
     return np.asarray(np.log(np.maximum(above - below, np.finfo(float).tiny)))

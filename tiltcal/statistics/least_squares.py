@@ -27,7 +27,7 @@ def inverse_root(gram: Array, energy: Array | None = None) -> Array:
 
     Args:
         gram: inner products of the columns, (p, p).
-        energy: squared lengths that a direction is told from rounding by, (p,); of the columns
+        energy: squared lengths against which rounding is judged, (p,); of the columns
             themselves when None.
     """
     energy = np.diag(gram) if energy is None else energy

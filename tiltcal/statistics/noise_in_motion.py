@@ -1,17 +1,17 @@
 """White noise that is larger while a table moves, or where its sensor's input is large:
 multiplicative heteroscedasticity (Harvey, Econometrica 44, 1976), by regression of the logarithms
-of differences that hold no slow law.
+of differences without slow signal.
 """
 
 import numpy as np
 from scipy.special import fdtrc
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.statistics.dwell_noise import ARITHMETIC
 
 FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])  # nothing is left of a cubic
-FEW = 50  # differences in each state that tell the noise
+FEW = 50  # differences in each state that determine the noise
 
 
 def noise_growth(
@@ -26,11 +26,12 @@ def noise_growth(
     is not significantly larger while the table moves, nor where the input is large.
 
     Each five rows of one state have one fourth difference of what the prediction leaves: those of
-    white noise are independent. The logarithm of its size is a constant at rest, another while
-    moving, and changes with the speed; and it changes with the magnitude of the input: whichever is
-    more significant, and the other if it is beside that. Outliers weigh little in a logarithm; no
-    difference counts as smaller than the rounding of the values makes it. Where most rows at rest
-    differ by less, no noise is there that could change with the input.
+    white noise are independent. The logarithm of its size is a constant at standstill, another
+    while moving, and changes with the speed; and it changes with the magnitude of the input:
+    whichever is more significant, and the other if it is significant in addition. Outliers weigh
+    little in a logarithm; no difference counts as smaller than the rounding of the values makes it.
+    Where most rows at standstill differ by less, no noise is there that could change with the
+    input.
 
     Args:
         values, predicted: (n,).
@@ -47,7 +48,7 @@ def noise_growth(
     moving = stop < 0
     if min((state[alone, 0] < 0).sum(), (state[alone, 0] >= 0).sum()) < FEW:
         return None
-    least = max(code_width(values) / np.sqrt(12), ARITHMETIC) * np.sqrt(FOURTH @ FOURTH)
+    least = max(lsb_width(values) / np.sqrt(12), ARITHMETIC) * np.sqrt(FOURTH @ FOURTH)
     differences = (values - predicted)[:n].reshape(-1, size)[alone] @ FOURTH
     logarithms = np.log(np.maximum(np.abs(differences), least))
     rows = [np.column_stack([moving, moving * speed])]
@@ -60,13 +61,20 @@ def noise_growth(
     design = np.column_stack([np.ones(len(logarithms)), *(means[k] for k in kept)])
     found = np.linalg.lstsq(design, logarithms, rcond=None)[0]
     growth = np.exp(np.column_stack([rows[k] for k in kept]) @ found[1:])
-    at_rest = growth[~moving].min()
-    return None if growth.max() <= at_rest else np.asarray(np.maximum(growth / at_rest, 1.0))
+    at_standstill = growth[~moving].min()
+    return (
+        None
+        if growth.max() <= at_standstill
+        else np.asarray(np.maximum(growth / at_standstill, 1.0))
+    )
 
 
 def _significant(means: list[Array], logarithms: Array, significance: float) -> list[int]:
     """Which groups of regressors change the mean of the logarithms, taken in one by one, the most
-    significant first. means: of each group, (m, k).
+    significant first.
+
+    Args:
+        means: of each group, (m, k).
     """
     kept, left = list[int](), list(range(len(means)))
     while left:

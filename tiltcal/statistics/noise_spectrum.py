@@ -60,7 +60,8 @@ class Amplitude:
     """The size of one kind of noise.
 
     Args:
-        value: the most likely one; low, high: 95 % interval; None where it was not estimated.
+        value: the most likely one.
+        low, high: 95 % interval; None where it was not estimated.
     """
 
     value: float
@@ -122,8 +123,10 @@ class NoiseModel(ABC):
         return {"white": Amplitude(self.white, min(low, self.white), max(high, self.white))}
 
     def drift_density(self, s: Array) -> Array:
-        """The part of the density that begins at nothing with each recording: a random walk. s:
-        (n,).
+        """The part of the density that begins at nothing with each recording: a random walk.
+
+        Args:
+            s: (n,).
         """
         return np.zeros_like(s)
 
@@ -134,8 +137,11 @@ class NoiseModel(ABC):
         return np.zeros(2)
 
     def with_excess(self, weights: Array, excess: float) -> "NoiseModel":
-        """A model with more noise: ``weights @ spectrum`` grows by ``excess``, SI^2. weights:
-        (n,).
+        """A model with more noise: ``weights @ spectrum`` grows by ``excess``, SI^2.
+
+        Args:
+            weights: (n,).
+            excess: size of the excess noise.
         """
         expected = float(weights @ self.spectrum(len(weights)))
         return self.scaled(float(np.sqrt(1 + excess / expected)))
@@ -185,15 +191,15 @@ class NoiseFit:
         return cls(model, SpectrumBins.none())
 
     @classmethod
-    def of(cls, e: Array, dof: Array, law: type[NoiseModel]) -> "NoiseFit":
+    def of(cls, e: Array, dof: Array, kind: type[NoiseModel]) -> "NoiseFit":
         """Largest Whittle likelihood for coefficients e with degrees of freedom dof each, (n,)."""
         n = len(e)
         edges = np.unique(np.concatenate([np.arange(1, 24), np.geomspace(24, n, BINS).astype(int)]))
         which = np.searchsorted(edges, np.arange(1, n), side="right") - 1
-        return cls._binned(e[1:], dof[1:], sines(n)[1:], which, law)
+        return cls._binned(e[1:], dof[1:], sines(n)[1:], which, kind)
 
     @classmethod
-    def within(cls, parts: Sequence[Array], law: type[NoiseModel]) -> "NoiseFit":
+    def within(cls, parts: Sequence[Array], kind: type[NoiseModel]) -> "NoiseFit":
         """Largest Whittle likelihood for the cosine coefficients of parts of a record, (n_k,) each,
         whose levels are free.
         """
@@ -201,11 +207,11 @@ class NoiseFit:
         s = np.concatenate([sines(len(part))[1:] for part in parts])
         which = np.floor(BINS * np.log(s / 2.0) / np.log(s.min() / 2.0)).astype(int)
         _, which = np.unique(which, return_inverse=True)
-        return cls._binned(e, np.ones(len(e)), s, which, law)
+        return cls._binned(e, np.ones(len(e)), s, which, kind)
 
     @classmethod
     def _binned(
-        cls, e: Array, dof: Array, s: Array, which: Index, law: type[NoiseModel]
+        cls, e: Array, dof: Array, s: Array, which: Index, kind: type[NoiseModel]
     ) -> "NoiseFit":
         """Of coefficients at s, (n,), in bins of these numbers."""
         weight = np.asarray(np.bincount(which, dof), dtype=float)
@@ -216,10 +222,10 @@ class NoiseFit:
             return cls.known(white_noise(max(float(np.sqrt(np.mean(e**2))), ARITHMETIC)))
         scale = max(float(power[keep].sum() / weight[keep].sum()), ARITHMETIC**2)
         bins = SpectrumBins(weight[keep], power[keep] / scale, inverse[keep], scale)
-        return cls(law.most_likely(bins), bins)
+        return cls(kind.most_likely(bins), bins)
 
     @classmethod
-    def alike(cls, fits: Sequence["NoiseFit"], law: type[NoiseModel]) -> "NoiseFit":
+    def alike(cls, fits: Sequence["NoiseFit"], kind: type[NoiseModel]) -> "NoiseFit":
         """Largest likelihood for several channels whose noise is alike, in units of the white noise
         of each.
 
@@ -233,7 +239,7 @@ class NoiseFit:
         if not len(weight):
             return cls.known(white_noise(1.0))
         bins = SpectrumBins(weight, power, inverse, 1.0)
-        return cls(law.most_likely(bins), bins)
+        return cls(kind.most_likely(bins), bins)
 
     @cached_property
     def deviance(self) -> float:
@@ -259,14 +265,14 @@ def white_noise(sigma: float) -> NoiseModel:
 
 
 def estimate_noise(
-    residual: Array, mean: Array, law: type[NoiseModel], rounds: int = 2
+    residual: Array, mean: Array, kind: type[NoiseModel], rounds: int = 2
 ) -> NoiseFit:
     """The noise behind a residual whose mean model is ``mean``.
 
     Args:
         residual: cosine coefficients (DCT-II, orthonormal), SI, (n,).
         mean: those of the columns that may be in it with any size, (n, p).
-        law: kind of noise model.
+        kind: class of the noise model.
         rounds: of generalised least squares and fit.
     """
     n = len(residual)
@@ -282,7 +288,7 @@ def estimate_noise(
         left = (left - Q @ (Q.T @ left)) * root
         dof = np.clip(1 - (Q * Q).sum(axis=1), 0.0, 1.0)
         whole = np.concatenate([dof, np.ones(n - slow)])
-        fit = NoiseFit.of(np.concatenate([left, tail]), whole, law)
+        fit = NoiseFit.of(np.concatenate([left, tail]), whole, kind)
     return fit
 
 
@@ -313,11 +319,19 @@ class WhiteFlickerWalk(NoiseModel):
     walk: float = 0.0
 
     def density(self, s: Array) -> Array:
-        """See ``NoiseModel``; s: (n,)."""
+        """See ``NoiseModel``.
+
+        Args:
+            s: (n,).
+        """
         return np.asarray(self.white**2 + self.flicker**2 / s + self.drift_density(s))
 
     def drift_density(self, s: Array) -> Array:
-        """See ``NoiseModel``; s: (n,)."""
+        """See ``NoiseModel``.
+
+        Args:
+            s: (n,).
+        """
         return np.asarray(self.walk**2 / s**2)
 
     def slow_noise(self, rate_hz: float) -> Array:
@@ -329,7 +343,12 @@ class WhiteFlickerWalk(NoiseModel):
         return type(self)(factor * self.white, factor * self.flicker, factor * self.walk)
 
     def with_excess(self, weights: Array, excess: float) -> NoiseModel:
-        """See ``NoiseModel``; weights: (n,)."""
+        """See ``NoiseModel``.
+
+        Args:
+            weights: (n,).
+            excess: size of the excess noise.
+        """
         each = float(weights @ type(self)(0.0, 1.0).spectrum(len(weights)))
         flicker = float(np.sqrt(self.flicker**2 + excess / each))
         return type(self)(self.white, flicker, self.walk)
@@ -400,8 +419,10 @@ def _shares(bins: SpectrumBins) -> Array:
 
 
 def _expanded(bins: SpectrumBins, parts: Array) -> Expansion:
-    """Half the deviance, its slope and its curvature along the logarithms of the variances. parts:
-    what each of these adds to the spectrum of each bin, (m, 3).
+    """Half the deviance, its slope and its curvature along the logarithms of the variances.
+
+    Args:
+        parts: what each of these adds to the spectrum of each bin, (m, 3).
     """
     S = parts.sum(axis=1)
     share, ratio = parts / S[:, None], bins.power / S
@@ -442,11 +463,15 @@ def _descended(logs: Array, expanded: Callable[[Array], Expansion]) -> tuple[flo
 
 
 def search(bins: SpectrumBins, start: Array, fixed: int | None = None) -> tuple[float, Array]:
-    """Smallest deviance from a start, flicker or walk held, and where. start: variances without
-    unit, (3,).
+    """Smallest deviance from a start, flicker or walk held, and where.
 
     By scoring: the expected curvature of the deviance is that of a weighted least-squares problem
     with non-negative variances.
+
+    Args:
+        bins: bins of the spectrum.
+        start: variances without unit, (3,).
+        fixed: values that are not searched.
     """
     from scipy.optimize import nnls
 

@@ -4,7 +4,7 @@ uncertainty it really has.
 The variance of an M-estimator is ``<psi^2> / <psi'>^2 / n`` (Huber 1981, eq. 3.2.14); noise is
 common to all dwells, so scale, <psi^2> and <psi'> are pooled over them.
 
-A median of quantised data sticks to quantisation steps: where the noise is below some three codes
+A median of quantised data sticks to quantisation steps: where the noise is below some three LSB
 it is no estimate of anything between them. ``inliers`` uses the median only to reject and then
 takes a mean, which keeps the dither.
 """
@@ -47,7 +47,13 @@ class Locations:
 
 
 def locations(chunks: Sequence[Array], estimator: str, steps: Array) -> Locations:
-    """Locations of dwells, one (n_i, k) array each; steps: width of each channel's code, (k,)."""
+    """Locations of dwells, one (n_i, k) array each.
+
+    Args:
+        chunks: readings of each dwell.
+        estimator: name of the estimator.
+        steps: LSB of each channel, (k,).
+    """
     medians = np.array([np.median(c, axis=0) for c in chunks])
     scale = np.array(
         [
@@ -84,14 +90,14 @@ def _by_mean(chunks: Sequence[Array], scale: Array) -> Locations:
     return Locations(means, covariance * inflation, np.zeros(len(scale)), scale)
 
 
-def _scale(residuals: Sequence[Array], code: float) -> float:
-    """Standard deviation by the median absolute deviation over all dwells, not below what a code
-    alone makes.
+def _scale(residuals: Sequence[Array], lsb: float) -> float:
+    """Standard deviation by the median absolute deviation over all dwells, not below
+    that of the rounding.
 
-    Of codes it is a multiple of the code, perhaps none: half a code is the least.
+    Of rounded values it is a multiple of the LSB, or zero: half an LSB is the least.
     """
     spread = float(np.median(np.abs(np.concatenate(residuals))))
-    return max(MAD_TO_SIGMA * spread, code / 2, ARITHMETIC)
+    return max(MAD_TO_SIGMA * spread, lsb / 2, ARITHMETIC)
 
 
 def _residuals(chunks: Sequence[Array], values: Array, scale: Array) -> list[Array]:
@@ -136,7 +142,10 @@ WEIGHT: dict[str, Callable[[Array], Array]] = {
 
 
 def influence(name: str, r: Array) -> Array:
-    """The influence function of an M-estimator: residual times weight. r: residuals over their
-    scale, (n,).
+    """The influence function of an M-estimator: residual times weight.
+
+    Args:
+        name: name of the estimator.
+        r: residuals over their scale, (n,).
     """
     return np.asarray(r * WEIGHT[name](r))

@@ -50,17 +50,18 @@ DEGREE = 2 * ORDER - 1  # of a smoothing spline with that penalty
 
 @dataclass(frozen=True)
 class SplineBasis:
-    """B-splines with equal steps; the coefficients of one rest are one coefficient.
+    """B-splines with equal steps; the coefficients of one standstill are one coefficient.
 
     Args:
-        start, end: s; step: of the knots, s.
-        rests: (begin, end) of each, s, in order of time, without overlap.
+        start, end: s.
+        step: of the knots, s.
+        standstills: (begin, end) of each, s, in order of time, without overlap.
     """
 
     start: float
     end: float
     step: float
-    rests: tuple[tuple[float, float], ...]
+    standstills: tuple[tuple[float, float], ...]
 
     @cached_property
     def knots(self) -> Array:
@@ -74,7 +75,7 @@ class SplineBasis:
         """Which free coefficient each coefficient is, rising, (coefficients,)."""
         middle = self.knots[: -DEGREE - 1] + self.step * (DEGREE + 1) / 2
         middle = np.clip(middle, self.start, self.end)
-        begins, ends = np.array(self.rests).reshape(-1, 2).T
+        begins, ends = np.array(self.standstills).reshape(-1, 2).T
         which = np.searchsorted(begins, middle, side="right") - 1
         inside = (which >= 0) & (middle <= ends[which] if len(ends) else False)
         standstill = np.where(inside, which, -1)
@@ -111,7 +112,7 @@ class SplineBasis:
 
     @cached_property
     def moves(self) -> tuple[Index, ...]:
-        """Rows of ``differences`` of each move: those between two rests. (m,) each."""
+        """Rows of ``differences`` of each move: those between two standstills. (m,) each."""
         rows = np.flatnonzero(np.diff(self.differences.indptr) > 0)
         return tuple(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)) if len(rows) else ()
 
@@ -127,8 +128,10 @@ class LinearReadings:
     """Scalar readings of a vector course: value = direction . course(time) + noise.
 
     Args:
-        time: s, (m,); direction: (m, d); value: (m,); weight: one over the variance, 0 for a
-            reading that says nothing, (m,).
+        time: s, (m,).
+        direction: (m, d).
+        value: (m,).
+        weight: one over the variance, 0 for a reading without information, (m,).
     """
 
     time: Array
@@ -142,7 +145,8 @@ class SmoothCourse:
     """The most probable course.
 
     Args:
-        basis: its splines; coefficients: (free, d).
+        basis: its splines.
+        coefficients: (free, d).
         roughness: weight of the penalty of each move, in the unit of the readings' weights.
     """
 
@@ -160,7 +164,7 @@ def most_probable_course(
 ) -> SmoothCourse:
     """The course with the largest posterior probability, smoothness estimated for each move.
 
-    A move is judged by the readings from the rest before it to the rest after it.
+    A move is judged by the readings from the standstill before it to the one after it.
 
     Args:
         basis: where the knots and the standstills are.
@@ -197,8 +201,10 @@ class _System:
     """Normal equations of the readings.
 
     Args:
-        basis: where the knots are; design: its values at the readings, (m, free).
-        direction: (m, d); value, weight: (m,).
+        basis: where the knots are.
+        design: its values at the readings, (m, free).
+        direction: (m, d).
+        value, weight: (m,).
         differences: of the course, over the root of their variance in a move, (k, free).
     """
 
@@ -258,7 +264,11 @@ class _System:
 
     def left_by(self, found: Array, weights: Array) -> Array:
         """Right-hand side of what a course leaves of the readings and of its smoothness, (free *
-        d,). found: its coefficients, (free * d,); weights: of the penalty of each move, (moves,).
+        d,).
+
+        Args:
+            found: its coefficients, (free * d,).
+            weights: of the penalty of each move, (moves,).
         """
         course = found.reshape(-1, self.size)
         residual = self.value * np.sqrt(self.weight) - self.spread @ found
@@ -269,7 +279,9 @@ class _System:
         return side
 
     def of_move(self, rows: Index) -> "tuple[_System, Array, int]":
-        """Readings of one move with the rests at its ends; its penalty in bands, and its rank."""
+        """Readings of one move with the standstills at its ends; its penalty in bands, and its
+        rank.
+        """
         D = self.differences[rows]
         first, last = int(D.indices.min()), int(D.indices.max())
         lowest, highest = self._ends

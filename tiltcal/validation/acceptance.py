@@ -51,7 +51,7 @@ class MethodResult:
 
     @property
     def accepted(self) -> bool:
-        """Whether every limit holds."""
+        """Whether every limit is met."""
         return self.error is None and all(limit.passed for limit in self.limits)
 
     @property
@@ -132,7 +132,7 @@ def run_scenario(
         kept: runs that were made before, and takes those that are made.
 
     Raises:
-        TiltcalError: the scenario holds no method, or a command that is not allowed.
+        TiltcalError: the scenario has no method, or a command that is not allowed.
     """
     _require_runnable(scenario, source, allow_commands)
     runs = max((m.runs for m in scenario.method), default=1)
@@ -240,7 +240,7 @@ def verify_folder(
     workers: Workers | None = None,
     kept: Keeper | None = None,
 ) -> Verification:
-    """Run every scenario of a folder that holds methods, or one file.
+    """Run every scenario with methods in a folder, or one file.
 
     Raises:
         TiltcalError: there is none, or one does not read.
@@ -251,7 +251,7 @@ def verify_folder(
             f"folder {folder}",
             found="no *.toml",
             need="scenarios",
-            do="name a folder that holds some",
+            do="name a folder that contains some",
         )
     scenarios = [(path, load_scenario(path)) for path in paths]
     start = time.perf_counter()

@@ -39,7 +39,8 @@ class TiltError:
     """Root mean square tilt error over directions, rad.
 
     Args:
-        before: of the uncalibrated reading; after: of the corrected one.
+        before: of the uncalibrated reading.
+        after: of the corrected one.
         bound: what the calibration's own covariance predicts for ``after``.
         over: the directions, as text.
         dof: degrees of freedom of after^2 = sum of w_k chi2(1), by that covariance: the sum of the
@@ -91,7 +92,7 @@ def true_parameters(
         }
     if "base.azimuth" in calibration.parameters:
         truth["base.azimuth"] = _true_azimuth(setup, effects, calibration.value("base.azimuth"))
-    # its bias is the reading at rest, with the Earth's rate in it
+    # its bias is the reading at standstill, with the Earth's rate in it
     of_the_day = calibration.method == "fog_scale"
     return {
         n: v
@@ -195,7 +196,11 @@ def _bare(calibration: Calibration) -> Calibration:
 
 def estimated_up(f: Array, g: float) -> Array:
     """Unit vectors of the estimated up from corrected forces: a triad's own direction, or two
-    channels and |f| = g. f: m/s2, (n, k); the unit vectors, (n, 3).
+    channels and |f| = g.
+
+    Args:
+        f: m/s2, (n, k); the unit vectors, (n, 3).
+        g: gravity, m/s2.
     """
     if f.shape[1] == 2:
         f = np.column_stack([f, np.sqrt(np.maximum(g * g - (f * f).sum(axis=1), 0.0))])
@@ -299,8 +304,8 @@ def attitude_error(setup: Setup, effects: Sequence[Effect], calibration: Calibra
     """Angle between true and integrated attitude after one turn about x, y and z at 60 deg/s, rms
     of the three, rad.
 
-    The reading at rest is taken off before each turn, as in the field: what remains is scale and
-        cross-axis.
+    The reading at standstill is subtracted before each turn, as in the field: what remains is scale
+        and cross-axis.
     """
     sensor = setup.named(calibration.sensors()[0])
     turns = [_reading(sensor, setup, effects, RATE * axis) for axis in np.eye(3)]
@@ -312,7 +317,7 @@ def attitude_error(setup: Setup, effects: Sequence[Effect], calibration: Calibra
 
 
 def _reading(sensor: Sensor, setup: Setup, effects: Sequence[Effect], rate: Array) -> Array:
-    """What the triad reads at a steady rate, without noise and without its reading at rest,
+    """What the triad reads at a steady rate, without noise and without its reading at standstill,
     (3,).
     """
     sense = replace(
@@ -381,8 +386,12 @@ FINE = 8  # directions a step of the table
 
 
 def placing_directions(axis: str, beta: Array, mount: Array) -> Array:
-    """Up in the body frame with ``axis`` horizontal at placing angles beta, (n, 3); mount: of the
-    body on the faceplate.
+    """Up in the body frame with ``axis`` horizontal at placing angles beta, (n, 3).
+
+    Args:
+        axis: axis of the placing.
+        beta: angles, rad, (n,).
+        mount: of the body on the faceplate.
     """
     s, c, zero = np.sin(beta), np.cos(beta), np.zeros_like(beta)
     up = np.column_stack([zero, s, c] if axis == "x" else [-s, zero, c])
@@ -403,7 +412,13 @@ def table_truth(
     setup: Setup, effects: Sequence[Effect], calibration: Calibration, mount: Array
 ) -> dict[str, float]:
     """The injected value of each parameter of the smooth fits: the true bias over the table's
-    angles, in the same terms. mount: (3, 3).
+    angles, in the same terms.
+
+    Args:
+        setup: site, table and sensors.
+        effects: effects that act.
+        calibration: the result.
+        mount: (3, 3).
     """
     truth: dict[str, float] = {}
     for sensor, axis, table in _tables(setup, calibration):
@@ -419,8 +434,13 @@ def table_truth(
 def table_errors(
     setup: Setup, effects: Sequence[Effect], calibration: Calibration, mount: Array
 ) -> tuple[float, float, float, float]:
-    """Tilt error, rad rms, of a horizontal axis over the table's angles and between them. mount:
-    (3, 3).
+    """Tilt error, rad rms, of a horizontal axis over the table's angles and between them.
+
+    Args:
+        setup: site, table and sensors.
+        effects: effects that act.
+        calibration: the result.
+        mount: (3, 3).
 
     Returns:
         Before correction, after it, what entry noise and interpolation let expect, and the

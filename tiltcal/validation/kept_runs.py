@@ -2,7 +2,7 @@
 interruption makes only those that are missing.
 
 Kept are plain numbers and texts, in a journal. A run of a method that is not built in is not kept:
-nothing tells whether its code has changed.
+changes of its code are not detectable.
 """
 
 import json

@@ -238,9 +238,12 @@ class TiltLimit:
     """Tilt errors of runs over one limit.
 
     Args:
-        stem: its name; rms_name: that of its rms.
-        ratio: error after calibration over the limit, (n,); own: the bound over it, (n,).
-        dof: of the squared errors, (n,); seeds: of the runs.
+        stem: its name.
+        rms_name: that of its rms.
+        ratio: error after calibration over the limit, (n,).
+        own: the bound over it, (n,).
+        dof: of the squared errors, (n,).
+        seeds: of the runs.
         shown: from such a ratio to the figure in which the limit is stated.
         sign: ``<=`` or ``>=`` of that figure.
         quantile: that is judged.
@@ -276,7 +279,7 @@ class TiltLimit:
         return Limit(
             self.rms_name,
             figure,
-            self._words(allowed),
+            self._limit_text(allowed),
             reached <= allowed,
             (min(ends), max(ends)),
         )
@@ -293,14 +296,14 @@ class TiltLimit:
         slack = float(t.isf(share, n - 1)) * spread if spread else 0.0
         passed = mean - slack <= 1.0 + ROUNDING
         name = f"{self.stem}, expected by the covariance"
-        return Limit(name, self.shown(np.sqrt(mean)), self._words(np.sqrt(1 + slack)), passed)
+        return Limit(name, self.shown(np.sqrt(mean)), self._limit_text(np.sqrt(1 + slack)), passed)
 
     def worst(self, share: float) -> Limit:
         """Every run by itself."""
         allowed = self._allowed(share / len(self.ratio))
         k = int(np.argmax(self.ratio / allowed))
         passed = bool(np.all(self.ratio <= allowed))
-        figure, text = self.shown(self.ratio[k]), self._words(allowed[k])
+        figure, text = self.shown(self.ratio[k]), self._limit_text(allowed[k])
         return Limit(f"{self.stem}, worst run", figure, text, passed, where=f"seed {self.seeds[k]}")
 
     def below_quantile(self, share: float) -> Limit:
@@ -317,7 +320,7 @@ class TiltLimit:
         """Largest ratio of each run by itself, (n,)."""
         return np.maximum(1.0, np.minimum(self.own, 1.0) * _chance(share, self.dof))
 
-    def _words(self, allowed: float) -> str:
+    def _limit_text(self, allowed: float) -> str:
         limit = f"{self.sign} {self.shown(1.0):.4g}"
         by_chance = f" ({self.shown(allowed):.4g} with chance)" if allowed > 1 + ROUNDING else ""
         return limit + by_chance
@@ -353,7 +356,10 @@ def tilts(rows: Sequence[Row]) -> Array:
 
 def dof_of_mean(scale: Array, dof: Array) -> float:
     """Degrees of freedom of the mean of ``scale_r^2 chi2(dof_r) / dof_r`` over runs: its sum over
-    its largest weight, as for one run. scale, dof: (n,).
+    its largest weight, as for one run.
+
+    Args:
+        scale, dof: (n,).
     """
     weights = scale**2 / dof
     largest = float(np.max(weights, initial=0.0))

@@ -142,5 +142,5 @@ def _add_cases(suite: ElementTree.Element, result: ScenarioResult, method: Metho
 
 
 def _printable(text: str) -> str:
-    """Without the control characters that XML cannot hold."""
+    """Without the control characters that XML does not allow."""
     return "".join(c if c.isprintable() or c == "\n" else "?" for c in text)

@@ -47,12 +47,15 @@ class Row:
     exchange, and all that acceptance is judged by.
 
     Args:
-        scenario, method: their names; seed: of the recording.
-        verdict: the method's own; empty when it failed. tests: how many it made of its own.
+        scenario, method: their names.
+        seed: of the recording.
+        verdict: the method's own; empty when it failed.
+        tests: how many it made of its own.
         parameters: recovered.
-        nees: squared error of the parameters with a truth in units of the covariance; nees_dof:
-            their number; 0 where there is none, or where a sigma is zero.
-        tilt_before, tilt_after, tilt_bound: rad rms; None where not defined. tilt_dof: of after^2.
+        nees: squared error of the parameters with a truth in units of the covariance.
+        nees_dof: their number; 0 where there is none, or where a sigma is zero.
+        tilt_before, tilt_after, tilt_bound: rad rms; None where not defined.
+        tilt_dof: of after^2.
         seconds: the method's own time.
         error: what went wrong, when it failed.
     """
@@ -87,7 +90,7 @@ class Run:
     """A row with what it was made from.
 
     Args:
-        tilt: with the words for its directions.
+        tilt: tilt error, with the description of its directions.
     """
 
     row: Row
@@ -109,7 +112,8 @@ class Workers:
     """Other processes that make runs.
 
     Args:
-        engine: what the runs are spread over. limits: of one run.
+        engine: what the runs are spread over.
+        limits: of one run.
         make_laboratory: called once in each process; a function at the top of a module.
     """
 

@@ -321,7 +321,7 @@ class Line:
 
     Args:
         name, kind: as text; A (from the record's own noise) or B.
-        size, unit, distribution, standard: as in ``Source``; of the type A line nothing but words.
+        size, unit, distribution, standard: as in ``Source``; of the type A line text only.
         contributions: parameter -> standard uncertainty it contributes, in the parameter's unit.
     """
 

@@ -20,7 +20,7 @@ from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdic
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import one_of
 from tiltcal.core.frames import base_tilt, force_of_tilt
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.core.units import DEG
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
@@ -110,7 +110,7 @@ def _chunks(
     complete = ~np.isnan(values).any(axis=1)
     time, values = samples.time[complete], values[complete][:, _channels(poses)]
     parts = [values[(time >= s.start_s) & (time <= s.end_s)] for s in poses.spans]
-    return parts, np.array([code_width(values[:, i]) for i in range(2)])
+    return parts, np.array([lsb_width(values[:, i]) for i in range(2)])
 
 
 def _reversal(

@@ -7,7 +7,7 @@ import numpy as np
 from tiltcal.calibration.validity import Test, threshold_test
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 
@@ -89,7 +89,7 @@ def _stopped_at_an_extreme(values: Array) -> Mask:
     """
     none = np.zeros(len(values), bool)
     inside = values[(values > values.min()) & (values < values.max())]
-    if len(inside) < BLOCK or _noise(inside) < max(code_width(inside), TINY):
+    if len(inside) < BLOCK or _noise(inside) < max(lsb_width(inside), TINY):
         return none
     for end, beside in ((values.max(), inside.max()), (values.min(), inside.min())):
         at_end = np.asarray(values == end)

@@ -17,7 +17,7 @@ from typing import Any
 
 from tiltcal.core.tasks.outcome import Limits, Outcome
 
-ENDING_S = 0.5  # a process that ends by itself is given as long, so that its own status is told
+ENDING_S = 0.5  # a process that ends by itself is given as long, so that its own status is reported
 
 
 class DisposableProcess:

@@ -20,7 +20,8 @@ class Engine:
     """An executor whose workers make calls in disposable processes.
 
     Args:
-        executor: of the standard interface. slots: tasks that it makes at the same time.
+        executor: of the standard interface.
+        slots: tasks that it makes at the same time.
         alive: whether it can still answer.
     """
 
@@ -90,7 +91,7 @@ def _dask(address: str | None, jobs: int) -> Iterator[Engine]:
 
         logging.getLogger("distributed").setLevel(
             logging.CRITICAL
-        )  # the engine says it in one line
+        )  # the engine reports it in one line
     except ImportError as error:
         raise TiltcalError(
             "option --engine",

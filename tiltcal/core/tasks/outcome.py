@@ -14,7 +14,8 @@ class Limits:
     """What one task may use.
 
     Args:
-        seconds: of wall time. memory_mib: of private memory of its process, MiB.
+        seconds: of wall time.
+        memory_mib: of private memory of its process, MiB.
     """
 
     seconds: float = 3600.0
@@ -36,8 +37,8 @@ class Outcome:
 
     Args:
         value: what it returned.
-        error: what it raised, as text; None when it returned. refusal: that error itself, where
-            it is one of this package.
+        error: what it raised, as text; None when it returned.
+        refusal: that error itself, where it is one of this package.
         fault: why its process had to go; None where it stayed.
         seconds: of wall time.
     """
@@ -74,7 +75,7 @@ class Outcome:
 
     @classmethod
     def raised(cls, error: Exception) -> "Outcome":
-        """Of an exception: words of this package as they are, any other with its kind."""
+        """Of an exception: messages of this package as they are, any other with its kind."""
         if isinstance(error, TiltcalError):
             return cls(error=str(error), refusal=error)
         return cls(error=f"{type(error).__name__}: {error}")

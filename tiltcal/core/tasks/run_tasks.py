@@ -16,7 +16,7 @@ from tiltcal.core.tasks.engines import Engine
 from tiltcal.core.tasks.journal import Journal
 from tiltcal.core.tasks.outcome import Limits, Outcome
 
-WAITING = 8  # tasks that wait beside each one that is made: an engine far away is never idle
+WAITING = 8  # waiting tasks for each one that runs: a remote engine is never idle
 CHECK_S = 2.0  # between looks whether the engine still answers
 
 
@@ -26,7 +26,8 @@ class Task:
 
     Args:
         key: of its content; equal keys mean equal results.
-        function: at the top of a module; arguments: plain values.
+        function: at the top of a module.
+        arguments: plain values.
     """
 
     key: str
@@ -82,7 +83,7 @@ def values_of(
         function: at the top of a module.
         calls: its arguments.
         engine: where it is called; this process if not given.
-        part: is told what part of the calls has returned.
+        part: callback, called with the share of the calls that has returned.
 
     Raises:
         TiltcalError: what the function raised first, or a call lost its process.
@@ -162,7 +163,7 @@ def make_all(
         meanwhile: called in another thread when the first task is handed out.
 
     Raises:
-        TiltcalError: the engine lost tasks, or there is no room for the journal.
+        TiltcalError: the engine lost tasks, or there is no disk space for the journal.
     """
     rate = Rate(total)
     had = 0

@@ -1,7 +1,7 @@
 """The program of a disposable process: it makes calls that come on stdin, one at a time, until that
 ends, and answers on stdout.
 
-Its limits are those of the operating system, so that they hold where Python does not run: an alarm
+Its limits are those of the operating system, so that they act where Python does not run: an alarm
 that ends the process, and a limit on its private memory.
 """
 

@@ -27,7 +27,9 @@ class Task:
     Args:
         model: linear, K2, K2K3, quadratic or cubic.
         drift: whether the biases drift linearly, as a nuisance.
-        budget_s: of table time; rate_deg_s: of moves; settle_s: after each.
+        budget_s: of table time.
+        rate_deg_s: of moves.
+        settle_s: after each.
         shortest_s, longest_s: of a dwell.
     """
 
@@ -71,14 +73,16 @@ class Task:
 
 @dataclass
 class Bench:
-    """The state of ``count`` independent calibrations of one task; ``step`` changes it in place.
+    """The state of ``count`` independent calibrations of one task; ``step`` changes it.
 
     Args:
         task: what is calibrated.
         count: how many.
-        covariance: in units of the prior, (count, blocks, q, q), the drift last; drift: information
-            on it alone, (count,).
-        angles: rad, (count, 2); elapsed: s, (count,); steps: poses taken, (count,).
+        covariance: in units of the prior, (count, blocks, q, q), the drift last.
+        drift: information on it alone, (count,).
+        angles: rad, (count, 2).
+        elapsed: s, (count,).
+        steps: poses taken, (count,).
     """
 
     task: Task

@@ -15,7 +15,7 @@ from tiltcal.laboratory.scenario import Scenario
 class RigEnvironment(gymnasium.Env[Any, Any]):
     """Turn the axes of a rig and read its instrument, one sample of the fastest sensor a step.
 
-    The action is the demanded rate of each axis over the largest. The observation holds the
+    The action is the demanded rate of each axis over the largest. The observation has the
     readout, rad within half a turn, or m, and the readings, SI. The reward is the nats that the
     sample brings on the terms that the sensors' ``adjustable`` lists name. ``info``: readout and
     readings without bounds, and the time elapsed. An episode is truncated when its time is used up.
@@ -23,8 +23,8 @@ class RigEnvironment(gymnasium.Env[Any, Any]):
     Args:
         scenario: a file, or a scenario.
         render_mode: None only.
-        how: keywords of ``Rigs``: noise, rate_deg_s, acceleration_deg_s2, limits_deg, duration_s;
-            of axes that slide rate_mm_s, acceleration_mm_s2, limits_mm.
+        how: keyword arguments of ``Rigs``: noise, rate_deg_s, acceleration_deg_s2, limits_deg,
+            duration_s; of axes that slide rate_mm_s, acceleration_mm_s2, limits_mm.
     """
 
     metadata = {"render_modes": []}
@@ -64,7 +64,7 @@ class RigEnvironmentVector(VectorEnv[Any, Any, Any]):
         scenario: a file, or a scenario.
         num_envs: how many.
         render_mode: None only.
-        how: keywords of ``Rigs``.
+        how: keyword arguments of ``Rigs``.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}

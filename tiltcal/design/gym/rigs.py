@@ -58,12 +58,13 @@ class AxisLimits:
         no limits.
 
         Args:
-            table: whose axes.
-            rate, acceleration: by unit, 1/s and 1/s2. limits: by unit and axis.
+            table: table with the axes.
+            rate, acceleration: largest by unit, 1/s and 1/s2.
+            limits: lowest and highest by unit and axis.
 
         Raises:
             TiltcalError: an axis that there is not, one that slides without limits, or a limit that
-                leaves no room about zero.
+                does not include zero.
         """
         for unit in ("deg", "mm"):
             _require_positive(f"rate_{unit}_s", rate[unit])
@@ -87,13 +88,13 @@ def _require_positive(token: str, value: float) -> None:
 def _stated(
     table: Table, unit: str, ranges: Ranges | None
 ) -> Iterator[tuple[str, tuple[float, float]]]:
-    """Axes with their limits, where these leave room about zero."""
+    """Axes with their limits, where these include zero."""
     names = [name for name in table.axis_names if table.unit(name) == unit]
     for axis, (least, most) in (ranges or {}).items():
         name = one_of(axis, names, f"environment, limits_{unit}", "axis")
         if not least <= 0 <= most or least == most:
-            text = f"{least:g} to {most:g}"
-            raise _refused(f"limits_{unit} of {name}", text, "low <= 0 <= high")
+            given = f"{least:g} to {most:g}"
+            raise _refused(f"limits_{unit} of {name}", given, "low <= 0 <= high")
         yield name, (least, most)
 
 
@@ -105,13 +106,13 @@ class AxisMotion:
     Args:
         limits: of the axes.
         step_s: of a demand.
-        place, rate, acceleration: now, rad, rad/s and rad/s2, m, m/s and m/s2 of axes that slide,
-            (rigs, axes).
+        position, rate, acceleration: present state, rad, rad/s and rad/s2; m, m/s and m/s2 of
+            axes that slide; (rigs, axes).
     """
 
     limits: AxisLimits
     step_s: float
-    place: Array
+    position: Array
     rate: Array
     acceleration: Array
 
@@ -122,8 +123,8 @@ class AxisMotion:
         return cls(limits, step_s, np.zeros(shape), np.zeros(shape), np.zeros(shape))
 
     def restart(self, rows: Mask) -> None:
-        """These rigs rest at zero. rows: (rigs,)."""
-        for part in (self.place, self.rate, self.acceleration):
+        """Set these rigs to standstill at zero. rows: mask, (rigs,)."""
+        for part in (self.position, self.rate, self.acceleration):
             part[rows] = 0.0
 
     def move(self, rate: Array, rows: Mask) -> None:
@@ -132,12 +133,12 @@ class AxisMotion:
         The rate is reached in two steps, or as fast as the acceleration allows; before a limit
         an axis brakes.
         """
-        h, x, v, a = self.step_s, self.place, self.rate, self.acceleration
+        h, x, v, a = self.step_s, self.position, self.rate, self.acceleration
         most = self.limits.acceleration
         demand = np.clip(rate, *self._safe())
         next_a = np.clip((demand - v) / h - a / 2, -most, most)
         live = rows[:, None]
-        self.place = np.where(live, x + h * (v + h * (2 * a + next_a) / 6), x)
+        self.position = np.where(live, x + h * (v + h * (2 * a + next_a) / 6), x)
         self.rate = np.where(live, v + h * (a + next_a) / 2, v)
         self.acceleration = np.where(live, next_a, a)
 
@@ -147,9 +148,9 @@ class AxisMotion:
         """
         limits = self.limits
         ahead = 2 * self.step_s * np.abs(self.rate) + 2 * limits.acceleration * self.step_s**2
-        above = np.maximum(limits.high - self.place - ahead, 0.0)
-        below = np.maximum(self.place - limits.low - ahead, 0.0)
-        fastest = (np.sqrt(limits.acceleration * room) for room in (below, above))
+        above = np.maximum(limits.high - self.position - ahead, 0.0)
+        below = np.maximum(self.position - limits.low - ahead, 0.0)
+        fastest = (np.sqrt(limits.acceleration * distance) for distance in (below, above))
         lowest, highest = (np.minimum(rate, limits.rate) for rate in fastest)
         return -lowest, highest
 
@@ -166,7 +167,9 @@ class AdjustableTerm:
     """One number that a calibration re-tunes.
 
     Args:
-        effect: whose term it is; name: bare; size: prior standard deviation, SI.
+        effect: effect of the term.
+        name: parameter name without axes and unit.
+        size: prior standard deviation, SI.
     """
 
     effect: TermEffect
@@ -201,7 +204,9 @@ class SensorInformation:
     covariance takes a sample in by a rank-one update (Sherman and Morrison 1950).
 
     Args:
-        scenario: noise and terms; sensor: whose; count: rigs.
+        scenario: source of noise and terms.
+        sensor: sensor of the terms.
+        count: number of rigs.
     """
 
     def __init__(self, scenario: Scenario, sensor: Sensor, count: int) -> None:
@@ -212,12 +217,16 @@ class SensorInformation:
         self.covariance = np.tile(np.eye(size), (count, 1, 1))
 
     def restart(self, rows: Mask) -> None:
-        """These rigs know the prior. rows: (rigs,)."""
+        """Reset these rigs to the prior. rows: mask, (rigs,)."""
         self.covariance[rows] = np.eye(len(self.terms))
 
     def add(self, sense: Sense, rows: Mask) -> Array:
         """Nats that a sample of these rigs brings, (rigs,): the rise of half the log determinant of
-        the information over the prior. rows: (rigs,).
+        the information over the prior.
+
+        Args:
+            sense: what the sensor senses, one row a rig.
+            rows: (rigs,).
         """
         nats = np.zeros(len(rows))
         if not self.terms:
@@ -258,16 +267,17 @@ LARGEST = {"accelerometer": 2000.0, "inclinometer": np.pi, "gyro": 200.0, "fog":
 
 
 class Rigs:
-    """Rigs of one scenario with their instruments; ``step`` changes them in place.
+    """Rigs of one scenario with their instruments; ``step`` changes their state.
 
     Args:
         scenario: a file, or a scenario; its sequence is not used.
         count: rigs.
         noise: whether random effects and quantisation act.
-        rate_deg_s, acceleration_deg_s2: largest of each axis; rate_mm_s, acceleration_mm_s2: of
-            each that slides.
-        limits_deg: lowest and highest angle by axis; others turn without end. limits_mm: of axes
-            that slide; others have the range of their joint.
+        rate_deg_s, acceleration_deg_s2: largest of each axis that turns.
+        rate_mm_s, acceleration_mm_s2: largest of each axis that slides.
+        limits_deg: lowest and highest angle by axis; others turn without end.
+        limits_mm: lowest and highest position of axes that slide; others have the range of
+            their joint.
         duration_s: of an episode.
 
     Raises:
@@ -314,8 +324,11 @@ class Rigs:
         return np.asarray(self.steps * self.step_s)
 
     def restart(self, rows: Mask, seed: int | None = None) -> None:
-        """These rigs rest with all axes at zero, and are switched on. rows: (count,); seed: of all
-        instruments again.
+        """Set these rigs to standstill at zero, and switch them on.
+
+        Args:
+            rows: mask of the rigs, (count,).
+            seed: seed of all instruments; none: instruments continue their own.
         """
         self.motion.restart(rows)
         self.instrument.reset(None if seed is not None else rows, seed=seed)
@@ -332,7 +345,7 @@ class Rigs:
         """What each rig does now, one a row."""
         motion = self.motion
         axes = {
-            name: Jet(motion.place[:, i], motion.rate[:, i], motion.acceleration[:, i])
+            name: Jet(motion.position[:, i], motion.rate[:, i], motion.acceleration[:, i])
             for i, name in enumerate(self.scenario.rig.axis_names)
         }
         return self.instrument.drive(self.elapsed, axes, self.scenario.rig.mount)
@@ -355,7 +368,7 @@ class Rigs:
             every = round(1 / (self.scenario.named(name).rate_hz * self.step_s))
             nats += self.information[name].add(sense, rows & (self.steps % every == 0))
         info = {
-            "readout": self.motion.place.copy(),
+            "readout": self.motion.position.copy(),
             "readings": readings,
             "elapsed_s": self.elapsed,
         }
@@ -365,7 +378,7 @@ class Rigs:
         """The readout, rad within half a turn, or m, and the readings, SI; zero where none came
         yet.
         """
-        position = self.motion.place
+        position = self.motion.position
         turned = (position + np.pi) % (2 * np.pi) - np.pi
         seen = {READOUT: np.where(self.slides, position, turned)}
         for sensor in self.scenario.sensor:

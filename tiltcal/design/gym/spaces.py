@@ -1,4 +1,4 @@
-"""What an agent sees and says, the same for one environment and for many."""
+"""Observations and actions of an agent, the same for one environment and for many."""
 
 from itertools import product
 
@@ -64,8 +64,12 @@ def menu() -> Array:
 def action_of(
     angles: Array, dwell: Array, task: Task
 ) -> "np.ndarray[tuple[int, int], np.dtype[np.float32]]":
-    """The continuous action of poses, (n, 3): the inverse of ``pose_of``. angles: rad, (n, axes);
-    dwell: s, (n,).
+    """The continuous action of poses, (n, 3): the inverse of ``pose_of``.
+
+    Args:
+        angles: rad, (n, axes).
+        dwell: s, (n,).
+        task: budget and limits.
     """
     wrapped = (angles + np.pi) % (2 * np.pi) - np.pi
     share = (dwell - task.shortest_s) / (task.longest_s - task.shortest_s)

@@ -1,4 +1,4 @@
-"""Training a simple policy without deep learning: the cross-entropy method on a linear law, all
+"""Training a simple policy without deep learning: the cross-entropy method on a linear policy, all
 candidates stepped at once.
 
 ``python -m tiltcal.design.gym.training`` trains one and prints what it is worth in addition to the
@@ -23,7 +23,7 @@ START = np.array([[0.25, 0, 0, 0, 0, 0], [0.15, 0, 0, 0, 0, 0], [-0.75, 0, 0, 0,
 
 @dataclass(frozen=True)
 class Trained:
-    """A linear law.
+    """A linear policy.
 
     Args:
         weights: (3, FEATURES), of the step of outer and inner in half turns, and of the dwell's
@@ -36,10 +36,10 @@ class Trained:
 
     def __call__(self, observations: Array, step: int) -> Array:
         """Actions, (n, 3)."""
-        return law(self.weights[None])(observations, step)
+        return linear_policy(self.weights[None])(observations, step)
 
 
-def law(weights: Array) -> Policy:
+def linear_policy(weights: Array) -> Policy:
     """The policy of weights, (n or 1, 3, FEATURES): one row of observations each."""
 
     def act(observations: Array, _: int) -> Array:
@@ -56,13 +56,13 @@ def law(weights: Array) -> Policy:
 def train(
     task: Task, generations: int = 40, population: int = 256, elite: int = 24, seed: int = 0
 ) -> Trained:
-    """The best law that the cross-entropy method finds."""
+    """The best policy that the cross-entropy method finds."""
     rng = np.random.default_rng(seed)
     mean, spread = START.copy(), np.full(START.shape, 0.2)
     best, history = (mean, -np.inf), []
     for _ in range(generations):
         candidates = mean + spread * rng.standard_normal((population, *mean.shape))
-        worth = rollout(law(candidates), task, population)
+        worth = rollout(linear_policy(candidates), task, population)
         chosen = candidates[np.argsort(-worth)[:elite]]
         mean, spread = chosen.mean(axis=0), chosen.std(axis=0) + 0.003
         if worth.max() > best[1]:

@@ -22,7 +22,7 @@ class StepAngles(gymnasium.ActionWrapper[Any, Any, Any]):
                 "StepAngles",
                 found=f"{step_deg:g} deg",
                 need="a step that divides a turn",
-                do="take 5 or 15, say",
+                do="take 5 or 15, for example",
             )
         self.share = step_deg / 180
 

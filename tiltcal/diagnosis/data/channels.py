@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import ColumnFault
@@ -111,7 +111,7 @@ def repeat_chance(values: Array) -> float:
     table moves much of the time the noise is overestimated, and codes need not be equally wide.
     """
     noise = second_difference_noise(values)
-    width = code_width(values)
+    width = lsb_width(values)
     if width <= 0:
         return 0.0
     if noise < 0.4 * width:

@@ -29,7 +29,7 @@ from tiltcal.recordings.replay import Replay, replay
 from tiltcal.recordings.span_means import AVERAGED
 from tiltcal.setup.trajectory import Jet
 from tiltcal.statistics.cosine_transform import quick_length
-from tiltcal.statistics.dwell_noise import white_at_rest
+from tiltcal.statistics.dwell_noise import white_at_standstill
 from tiltcal.statistics.noise_in_motion import noise_growth
 
 ALIKE = 1.001  # largest standard deviation of rows that are alike, over the least
@@ -72,7 +72,7 @@ def with_spread(
                         variances[i] += samplings[i].of(each) ** 2 / counts[i]
     for channel, variance, count in zip(channels, variances, counts, strict=True):
         own = count.max(initial=1) / count
-        spread = np.sqrt(own + variance / white_at_rest(channel.values, channel.stop) ** 2)
+        spread = np.sqrt(own + variance / white_at_standstill(channel.values, channel.stop) ** 2)
         yield replace(channel, spread=spread) if spread.max() > ALIKE else channel
 
 

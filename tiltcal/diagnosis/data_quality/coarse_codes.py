@@ -3,7 +3,7 @@
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.quantisation import code_grid
+from tiltcal.core.quantisation import lsb_grid
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.diagnosis.data.channels import (
     column_values,
@@ -30,7 +30,7 @@ def coarse_codes(recording: Recording, sensor: Sensor) -> tuple[Recording, list[
     found = []
     for axis in sensor.axes:
         _, _, values = column_values(recording, sensor, axis)
-        width = code_grid(values) if len(values) >= 64 else None
+        width = lsb_grid(values) if len(values) >= 64 else None
         spread = _spread_at_rest(values)
         if width is not None and width > COARSE * spread:
             found.append(
@@ -82,7 +82,7 @@ def truncated_angles(recording: Recording, scenario: Scenario) -> list[Fault]:
         if angle is None:
             continue
         angle = angle[~np.isnan(angle)]
-        step = code_grid(angle) if len(angle) >= 64 else None
+        step = lsb_grid(angle) if len(angle) >= 64 else None
         unit = str(split_unit(str(recording.channel(angle_channel(axis))))[1])
         if step is None or step < np.radians(CUT) or not _decimal(step / COLUMN_UNITS[unit].factor):
             continue

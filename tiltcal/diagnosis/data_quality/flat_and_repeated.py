@@ -8,7 +8,7 @@ from functools import reduce
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.diagnosis.data.channels import (
     CHANCE,
     FLAT,
@@ -165,7 +165,7 @@ def _in_runs(mask: Mask) -> bool:
 
 def noise_of(values: Array) -> float:
     """White noise of a column from its second differences, one code at least. values: (n,)."""
-    code = code_width(values) / np.sqrt(12)
+    code = lsb_width(values) / np.sqrt(12)
     return float(max(second_difference_noise(values), code, 1e-15))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.quantisation import code_grid
+from tiltcal.core.quantisation import lsb_grid
 from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.effects.timing.readout_timing import ReadoutRate
 from tiltcal.laboratory.scenario import Scenario
@@ -48,7 +48,7 @@ def update_interval(time: Array, angle: Array) -> float | None:
     if len(steps) <= MIN_STEPS:
         return None
     moving = steps > MOVING * np.partition(steps, -MIN_STEPS)[-MIN_STEPS]
-    code = code_grid(angle[read])
+    code = lsb_grid(angle[read])
     inside = np.flatnonzero(moving[1:] & moving[:-1]) + 1
     if len(inside) < MIN_STEPS or (code and np.median(steps[inside]) < CODES * code):
         return None

@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.diagnosis.data.channels import changed
 from tiltcal.diagnosis.data.handheld_recording import known_stops
 from tiltcal.diagnosis.data.observations import Observations
@@ -132,5 +132,5 @@ def off_neighbours(values: Array, speed: Array | None = None) -> Array:
     )
     # a knock is quick, and still some samples wide
     alone &= mended < np.maximum(ISOLATED * off, 4 * local)
-    least = max(noise_of(values), code_width(values))  # of coarse codes most differences are none
+    least = max(noise_of(values), lsb_width(values))  # of coarse codes most differences are none
     return np.asarray(np.where(alone, off / np.maximum(local, least), 0.0))

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask, Single
-from tiltcal.core.quantisation import code_width
+from tiltcal.core.quantisation import lsb_width
 from tiltcal.diagnosis.data.channels import CHANCE, at_least, changed, column_values, written
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.model.fitted_model import FittedModel
@@ -54,7 +54,7 @@ def _never_set(values: Array, sign: Array) -> float | None:
     """
     from scipy.fft import next_fast_len, rfft
 
-    span, width = float(np.ptp(values)), code_width(values)
+    span, width = float(np.ptp(values)), lsb_width(values)
     cell = max(width, FINEST * span / IN_A_BIT)
     if len(values) < LEAST or width == 0 or span < 2 * CYCLES * IN_A_BIT * cell:
         return None
@@ -258,7 +258,7 @@ def _with_sign(codes: Array, bit: float) -> bool:
     """Whether these codes are magnitudes with a sign: their bit is never set, that of a two's
     complement is.
     """
-    width = code_width(codes)
+    width = lsb_width(codes)
     return bool(
         _set(np.abs(codes), 1 / (2 * bit), width).mean() < _set(codes, 1 / (2 * bit), width).mean()
     )

@@ -148,7 +148,7 @@ def _recorded(
     assert plan.proposal is not None
     p = plan.proposal
     return _run(
-        at, state, p.block.steps, (p.block.name, p.block.words, p.minutes, p.chance), progress
+        at, state, p.block.steps, (p.block.name, p.block.description, p.minutes, p.chance), progress
     )
 
 

@@ -139,7 +139,7 @@ class NextBlock:
             p = self.proposal
             table |= {
                 "block": p.block.name,
-                "words": p.block.words,
+                "words": p.block.description,
                 "minutes": p.minutes,
                 "confidence": p.chance,
                 "nc_per_minute": p.rate,
@@ -276,7 +276,7 @@ def _more_poses(table: TableLimits, scenario: Scenario, why: str) -> NextBlock:
         if b.name.startswith("tumble" if len(table.turning) > 1 else "reverse")
     )
     minutes = block.seconds(scenario.rig) / 60
-    words = f"{why}: {block.words} ({minutes:.1f} min of table time)."
+    words = f"{why}: {block.description} ({minutes:.1f} min of table time)."
     return NextBlock(BlockProposal(block, minutes, ()), words)
 
 
@@ -298,9 +298,9 @@ def _statement(design: Design) -> str:
     if best is None or hardest is None:
         return "No block of this table can separate them: " + "; ".join(_twins(design)) + "."
     words = (
-        f"Record the block '{best.block.name}' ({best.block.words}): {best.minutes:.1f} min of"
-        f" table time. It should separate {hardest.truth} from {hardest.rival}, the hardest pair,"
-        f" with probability {100 * best.chance:.0f} % (separated non-centrality"
+        f"Record the block '{best.block.name}' ({best.block.description}): {best.minutes:.1f} min"
+        f" of table time. It should separate {hardest.truth} from {hardest.rival}, the hardest"
+        f" pair, with probability {100 * best.chance:.0f} % (separated non-centrality"
         f" {hardest.separation:.0f}, {hardest.needed:.0f} needed)."
     )
     return words + (

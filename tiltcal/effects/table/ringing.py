@@ -9,7 +9,7 @@ from tiltcal.effects.mechanisms import Mechanism, Ring
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.setup.setup import Rig
-from tiltcal.setup.trajectory import Drive, Jet, Rests
+from tiltcal.setup.trajectory import Drive, Jet, Standstills
 
 EARLY = Parameter("early", "s", (0.1, 0.1, 0.1), shape=True)
 """How long before the end of a move, as the readout tells it, a structure is let go."""
@@ -63,8 +63,11 @@ def ringing(drive: Drive, amplitude: float, frequency: float, tau: float, early:
     """A decaying cosine from the end of each move on; nothing before the first, (n,). amplitude:
     rad; frequency: Hz; tau: s; early: s, by which it began before the end.
     """
-    rests = Rests.at(drive.rests, drive.time, drive.stop)
-    t, rings = rests.since(drive.time), rests.holds(drive.time) & (np.cumsum(drive.stop < 0) > 0)
+    standstills = Standstills.at(drive.standstills, drive.time, drive.stop)
+    t, rings = (
+        standstills.since(drive.time),
+        standstills.contains(drive.time) & (np.cumsum(drive.stop < 0) > 0),
+    )
     rate = -1 / tau + 2j * np.pi * frequency
     wave = amplitude * np.exp(rate * np.where(rings, t + early, 0.0)) * rings
     return Jet(

@@ -8,7 +8,7 @@
     if (value && typeof value === "object") return Object.fromEntries(Object.entries(value).map(([k, v]) => [k, coloured(v)]));
     return value;
   };
-  const read = (place) => JSON.parse(document.getElementById(place.dataset.plot).textContent);
+  const read = (figure) => JSON.parse(document.getElementById(figure.dataset.plot).textContent);
   const axis = (given) => ({ gridcolor: variable("--line"), zerolinecolor: variable("--soft"), zerolinewidth: 1, linecolor: variable("--line"), automargin: true, ...given });
   const layout = (given, height, narrow) => {
     const found = { font: { family: "system-ui, sans-serif", size: 12, color: variable("--ink") }, paper_bgcolor: variable("--paper"), plot_bgcolor: variable("--paper"),
@@ -35,28 +35,28 @@
     return [{ ...quiet, mode: "lines", x: path[0], y: path[1], z: path[2], opacity: 0.5, line: { color: variable("--soft"), width: 1.5 } },
       { ...quiet, mode: "text", x: [1.2, -1.2, 0, 0, 0, 0], y: [0, 0, 1.2, -1.2, 0, 0], z: [0, 0, 0, 0, 1.2, -1.2], text: ["+x", "-x", "+y", "-y", "+z", "-z"], textfont: { color: variable("--ink"), size: 13 } }];
   };
-  const draw = (place) => {
-    const { data, layout: given, frames } = read(place);
+  const draw = (figure) => {
+    const { data, layout: given, frames } = read(figure);
     if (given.sphere) { data.push(...globe()); delete given.sphere; }
     const options = { displaylogo: false, responsive: true, displayModeBar: "hover", modeBarButtonsToRemove: ["select2d", "lasso2d", "sendDataToCloud"] };
-    Plotly.newPlot(place, { data: coloured(data), layout: layout(given, place.clientHeight, place.clientWidth < 500), frames: coloured(frames || []), config: options });
-    place.dataset.drawn = "yes";
+    Plotly.newPlot(figure, { data: coloured(data), layout: layout(given, figure.clientHeight, figure.clientWidth < 500), frames: coloured(frames || []), config: options });
+    figure.dataset.drawn = "yes";
   };
-  const drawOnce = (place) => { if (!place.dataset.drawn) draw(place); };
-  const places = [...document.querySelectorAll("[data-plot]")];
+  const drawOnce = (figure) => { if (!figure.dataset.drawn) draw(figure); };
+  const figures = [...document.querySelectorAll("[data-plot]")];
   const seen = new IntersectionObserver((entries) => {
     for (const entry of entries) if (entry.isIntersecting) { seen.unobserve(entry.target); drawOnce(entry.target); }
   }, { rootMargin: "300px" });
-  places.forEach((place) => seen.observe(place));
-  dark.addEventListener("change", () => places.filter((place) => place.dataset.drawn).forEach(draw));
+  figures.forEach((figure) => seen.observe(figure));
+  dark.addEventListener("change", () => figures.filter((figure) => figure.dataset.drawn).forEach(draw));
   addEventListener("beforeprint", () => {
     document.querySelectorAll("main details:not(.data)").forEach((part) => { part.open = true; });
     document.documentElement.classList.add("printing");
-    places.forEach(dark.matches ? draw : drawOnce);
+    figures.forEach(dark.matches ? draw : drawOnce);
   });
   addEventListener("afterprint", () => {
     document.documentElement.classList.remove("printing");
-    if (dark.matches) places.forEach(draw);
+    if (dark.matches) figures.forEach(draw);
   });
   const cell = (row, kind, text) => { row.appendChild(document.createElement(kind)).textContent = text; };
   const list = (part) => {

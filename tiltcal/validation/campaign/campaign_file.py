@@ -21,7 +21,8 @@ class CampaignTable(StrictTable):
 
     Args:
         scenario: path of a scenario file, from the campaign file's folder.
-        runs: seeds at each point. samples: points of the distributions' design, a power of 2.
+        runs: seeds at each point.
+        samples: points of the distributions' design, a power of 2.
         quantile: of the tilt error in the summary.
     """
 

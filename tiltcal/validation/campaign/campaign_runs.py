@@ -29,7 +29,8 @@ class PointRun:
     """One seed at one point.
 
     Args:
-        replicate: number of the seed at this point. key: of its content.
+        replicate: number of the seed at this point.
+        key: of its content.
     """
 
     point: Point
@@ -43,7 +44,8 @@ class Recorded:
     """What the journal has of a run: a row a method, or why it has none.
 
     Args:
-        fault: time, memory or ended, where its process had to go. seconds: of the whole run.
+        fault: time, memory or ended, where its process had to go.
+        seconds: of the whole run.
     """
 
     rows: tuple[Row, ...]
@@ -79,7 +81,12 @@ def content_of(document: Document) -> str:
 
 
 def task_of(run: PointRun, make_laboratory: Callable[[], Laboratory]) -> Task:
-    """A run as a task; make_laboratory: a function at the top of a module."""
+    """A run as a task.
+
+    Args:
+        run: point and seed.
+        make_laboratory: a function at the top of a module.
+    """
     text = json.dumps(run.point.document, default=str)
     return Task(run.key, rows_of, (text, run.seed, make_laboratory))
 
@@ -111,7 +118,7 @@ def record_text(run: PointRun, outcome: Outcome, limits: Limits) -> str:
 
 @lru_cache(maxsize=KEPT)
 def recorded_of(text: str) -> Recorded:
-    """What a record of the journal says; the last ones are kept, as results are read several
+    """Content of a record of the journal; the last ones are kept, as results are read several
     times.
 
     Raises:

@@ -15,7 +15,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.setup.part import StrictTable
 
 Document = dict[str, Any]
-"""A scenario as its TOML says it."""
+"""A scenario as a TOML document."""
 
 
 def with_fields(document: Document, values: dict[str, Any]) -> Document:

@@ -1,4 +1,4 @@
-"""Where a campaign keeps its runs and writes what they say."""
+"""The folder of a campaign: its runs and its results."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -32,7 +32,7 @@ ENDINGS = (
     *(".journal", ".journal-wal", ".journal-shm", ".campaign.json", ".summary.json"),
     *(".html", ".parquet"),
 )
-WRITTEN = "a campaign.json as `tiltcal campaign` writes it"
+EXPECTED = "a campaign.json as `tiltcal campaign` writes it"
 
 
 class StoredCampaign(Stored):
@@ -50,7 +50,7 @@ class CampaignFiles:
 
     @classmethod
     def of(cls, output: Path) -> "CampaignFiles":
-        """By what ``-o`` names; the folder is made.
+        """By what ``-o`` names; the folder is created.
 
         Raises:
             TiltcalError: it cannot be made.
@@ -60,7 +60,7 @@ class CampaignFiles:
             return cls(output)
         return cls(make_folder(output) / RESULTS)
 
-    def beside(self, suffix: str) -> Path:
+    def sibling(self, suffix: str) -> Path:
         """Another file of the campaign."""
         return self.results.with_suffix(suffix)
 
@@ -73,8 +73,8 @@ class CampaignFiles:
     @contextmanager
     def whole_or_not_at_all(self) -> Iterator[None]:
         """Where nothing was before, an error leaves nothing."""
-        made = [p for ending in ENDINGS if not (p := self.beside(ending)).exists()]
-        done = self.beside(".journal") not in made
+        made = [p for ending in ENDINGS if not (p := self.sibling(ending)).exists()]
+        done = self.sibling(".journal") not in made
         try:
             yield
             done = True
@@ -85,7 +85,7 @@ class CampaignFiles:
     @contextmanager
     def journal(self) -> Iterator[Journal]:
         """The journal, made if there is none."""
-        with open_journal(self.beside(".journal")) as journal:
+        with open_journal(self.sibling(".journal")) as journal:
             yield journal
 
 
@@ -145,7 +145,7 @@ def make_runs(
         meanwhile: called in another thread when the first run is handed out.
 
     Raises:
-        TiltcalError: the engine lost runs, or there is no room for the journal.
+        TiltcalError: the engine lost runs, or there is no disk space for the journal.
     """
     by_key: dict[str, PointRun] = {}
 
@@ -173,7 +173,7 @@ def write_campaign(campaign: Campaign, files: CampaignFiles) -> None:
     """Keep a campaign with its scenario next to its journal, for ``read_campaign``."""
     table = campaign.table.model_dump(mode="json", by_alias=True, exclude_none=True)
     document = json.loads(json.dumps(campaign.document, default=str))
-    write_json(files.beside(".campaign.json"), {"campaign": table, "scenario": document})
+    write_json(files.sibling(".campaign.json"), {"campaign": table, "scenario": document})
 
 
 def read_campaign(files: CampaignFiles) -> Campaign:
@@ -182,32 +182,32 @@ def read_campaign(files: CampaignFiles) -> Campaign:
     Raises:
         TiltcalError: there is none.
     """
-    path = files.beside(".campaign.json")
+    path = files.sibling(".campaign.json")
     subject = f"campaign {path.name}"
-    table = read_json(path, "campaign", WRITTEN)
-    found = checked(StoredCampaign, table, subject, WRITTEN)
-    return Campaign(checked(CampaignTable, found.campaign, subject, WRITTEN), found.scenario)
+    table = read_json(path, "campaign", EXPECTED)
+    found = checked(StoredCampaign, table, subject, EXPECTED)
+    return Campaign(checked(CampaignTable, found.campaign, subject, EXPECTED), found.scenario)
 
 
-def merged(folders: Sequence[CampaignFiles], into: CampaignFiles) -> Campaign:
-    """Take the runs of several places, made as shards, into one; which campaign it is.
+def merge_shards(folders: Sequence[CampaignFiles], into: CampaignFiles) -> Campaign:
+    """Merge the runs of several folders, made as shards, into one; return their campaign.
 
     Raises:
         TiltcalError: they are of different campaigns.
     """
-    campaigns = [read_campaign(position) for position in folders]
+    campaigns = [read_campaign(folder) for folder in folders]
     hashes = [hash_of([c.table.model_dump(mode="json"), c.document]) for c in campaigns]
-    for position, one in zip(folders, hashes, strict=True):
+    for folder, one in zip(folders, hashes, strict=True):
         if one != hashes[0]:
             raise TiltcalError(
-                f"results {position.results}",
+                f"results {folder.results}",
                 found="another campaign",
                 need=f"that of {folders[0].results}",
                 do="merge shards of one campaign",
             )
     write_campaign(campaigns[0], into)
     with into.journal() as journal:
-        for position in folders:
-            with position.journal() as other:
+        for folder in folders:
+            with folder.journal() as other:
                 journal.take_over(other)
     return campaigns[0]

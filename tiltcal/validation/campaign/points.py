@@ -27,10 +27,13 @@ class Point:
     """One set of values of all factors.
 
     Args:
-        number: from 0. cell: number of the combination of levels.
-        values: by factor, as results show them. document: the scenario there.
+        number: from 0.
+        cell: number of the combination of levels.
+        values: by factor, as results show them.
+        document: the scenario there.
         matrix: of the design: ``A``, ``B`` or ``AB1``, ``AB2`` ... (A with that factor from B);
-            empty without distributions. sample: number within its matrix.
+            empty without distributions.
+        sample: number within its matrix.
         noise: number of its noise; points of one number share the seeds of their runs.
     """
 
@@ -46,7 +49,7 @@ class Point:
 def points_of(campaign: Campaign) -> Iterator[Point]:
     """All points in order.
 
-    Points of a grid share their seeds (common random numbers): their differences hold less noise
+    Points of a grid share their seeds (common random numbers): their differences have less noise
     than either. So do A and AB, which differ by one factor; B has seeds of its own, as
     the noise is one more factor that A and B do not share.
     """

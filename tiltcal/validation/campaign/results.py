@@ -72,7 +72,7 @@ def known_summary(campaign: Campaign, folder: CampaignFiles) -> dict[str, Any] |
     """The summary that was written of the same campaign by the same versions, next to its results
     and its report; None where one of them is missing.
     """
-    files = [folder.results, folder.beside(".html"), summary := folder.beside(".summary.json")]
+    files = [folder.results, folder.sibling(".html"), summary := folder.sibling(".summary.json")]
     if not all(path.exists() for path in files):
         return None
     found = read_json(summary, "summary", "a summary.json as `tiltcal campaign` writes it")

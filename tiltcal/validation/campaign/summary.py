@@ -95,7 +95,11 @@ def _reason(values: Array) -> str | None:
 
 
 def _indices(campaign: Campaign, values: Array) -> list[dict[str, Any]]:
-    """Indices of each response; values: as of ``_values``, (2 + d, s, n)."""
+    """Indices of each response.
+
+    Args:
+        values: as of ``_values``, (2 + d, s, n).
+    """
     from scipy.stats import bootstrap, sobol_indices
 
     factors, n = campaign.distributions, campaign.table.samples
@@ -140,7 +144,7 @@ def summary_of(results: Results) -> dict[str, Any]:
 
     Returns:
         cells: one for each combination of levels, with ``values`` and, by method, what
-        ``statistics_of`` says, and ``sensitivity`` where there are distributions. faults: runs
+        ``statistics_of`` returns, and ``sensitivity`` where there are distributions. faults: runs
         whose process had to go, by kind; failed: the first of all runs without a result.
     """
     campaign = results.campaign

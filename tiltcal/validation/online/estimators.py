@@ -24,12 +24,14 @@ from tiltcal.setup.setup import Setup
 class FieldScale:
     """A Kalman filter of ``u . r - F = sum_i u_i r_i X_i + c``, X = S / (1 + S).
 
-    The first ``rest_s`` seconds are at rest: their means are taken off both sensors, so that the
-    Earth's rate cancels, and c is the error of that mean. Then every block updates the filter.
+    The first ``rest_s`` seconds are a standstill: their means are subtracted from both sensors, so
+    that the Earth's rate cancels, and c is the error of that mean. Then every block updates the
+    filter.
 
     Args:
-        gyro: triad; fog: with its input axis.
-        rest_s: length of the first rest, s.
+        gyro: triad.
+        fog: FOG with its input axis.
+        rest_s: length of the first standstill, s.
 
     Source: docs/sources.md, "Gyro triad in the field". `fog_scale` estimates the same from the
     whole recording.
@@ -40,10 +42,10 @@ class FieldScale:
     def __init__(self, gyro: Sensor, fog: Sensor, rest_s: float) -> None:
         from filterpy.kalman import KalmanFilter
 
-        self.gyro, self.fog, self.rest = gyro.name, fog.name, rest_s
+        self.gyro, self.fog, self.standstill_s = gyro.name, fog.name, rest_s
         self.axis = fog.input_vector
         self.start: float | None = None
-        self.resting: list[np.ndarray] = []
+        self.at_standstill: list[np.ndarray] = []
         self.block: list[np.ndarray] = []
         self.opened = 0.0
         self.mean = np.zeros(4)
@@ -52,7 +54,7 @@ class FieldScale:
         self.filter.x, self.filter.F = np.zeros((4, 1)), np.eye(4)
 
     def update(self, sample: Mapping[str, Any]) -> tuple[float, ...]:
-        """Scale errors of x, y, z, ppm; NaN during the rest."""
+        """Scale errors of x, y, z, ppm; NaN during the first standstill."""
         now = float(sample["time_s"])
         self.start = now if self.start is None else self.start
         if self.gyro in sample and self.fog in sample:
@@ -64,8 +66,8 @@ class FieldScale:
 
     def _take(self, now: float, reading: np.ndarray) -> None:
         """One reading of both sensors."""
-        if self.start is not None and now - self.start < self.rest:
-            self.resting.append(reading)
+        if self.start is not None and now - self.start < self.standstill_s:
+            self.at_standstill.append(reading)
             self.opened = now
             return
         if not self.noise:
@@ -76,8 +78,8 @@ class FieldScale:
             self.block, self.opened = [], now
 
     def _begin(self) -> None:
-        """The bias and the noise of the difference, from the rest."""
-        standstill = np.array(self.resting)
+        """The bias and the noise of the difference, from the first standstill."""
+        standstill = np.array(self.at_standstill)
         if len(standstill) < 10:
             raise TiltcalError(
                 "estimator field_scale",
@@ -90,7 +92,7 @@ class FieldScale:
         self.filter.P = np.diag([SCALE_PRIOR**2] * 3 + [self.noise / len(standstill)])
 
     def _step(self, turned: np.ndarray, count: int) -> None:
-        """One update by a block: readings less the means at rest."""
+        """One update by a block: readings less the means at standstill."""
         H = np.append(self.axis * turned[:3], 1.0)[None]
         self.filter.R[0, 0] = self.noise / count
         self.filter.update(turned[:3] @ self.axis - turned[3], H=H)
@@ -122,7 +124,10 @@ class Complementary:
     tau: plain floats.
 
     Args:
-        accel, gyro: triads; gravity: m/s2; calibration: of the accelerometer, or None; tau_s: s.
+        accel, gyro: triads.
+        gravity: m/s2.
+        calibration: of the accelerometer, or None.
+        tau_s: s.
 
     Errors:
         A gyro bias b leaves a tilt of b tau; an acceleration a that lasts t << tau leaves a t / (g
@@ -170,7 +175,9 @@ class Kalman:
     |f| is from g.
 
     Args:
-        accel, gyro: triads; gravity: m/s2; calibration: of the accelerometer, or None.
+        accel, gyro: triads.
+        gravity: m/s2.
+        calibration: of the accelerometer, or None.
         noise: accelerometer, g a sample; gyro, rad/s a sample; walk of its bias, rad/s a sample;
             how much of ||f|/g - 1|
             counts as noise.
@@ -317,7 +324,7 @@ class Placing:
 def accelerometer(
     setup: Setup, *, calibration: Calibration | None = None, sensor: str | None = None
 ) -> Estimator:
-    """The accelerometer or inclinometer alone: exact at rest, wrong by a/g in motion."""
+    """The accelerometer or inclinometer alone: exact at standstill, wrong by a/g in motion."""
     return Level(_sensor(setup, LEVELS, sensor, 2), setup.site.gravity, calibration)
 
 

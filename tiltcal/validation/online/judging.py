@@ -38,8 +38,8 @@ class Process:
     answer to the last: a program cannot look ahead, and has to flush every line.
 
     Args:
-        command: words of the program; no shell.
-        setup: whose sensors are fed.
+        command: program and arguments; no shell.
+        setup: set-up with the sensors that are read.
 
     Raises:
         TiltcalError: it does not start, ends early, does not answer in time, or answers with
@@ -47,7 +47,7 @@ class Process:
     """
 
     def __init__(self, command: Sequence[str], setup: Setup) -> None:
-        self.name, self.rest = command[0], b""
+        self.name, self.remainder = command[0], b""
         self.sensors = [(s.name, len(s.axes)) for s in setup.sensor]
         try:
             self.process = subprocess.Popen(
@@ -83,15 +83,15 @@ class Process:
         """The next line of its output."""
         assert self.process.stdout is not None
         fd, end = self.process.stdout.fileno(), time.monotonic() + PATIENCE
-        while b"\n" not in self.rest:
+        while b"\n" not in self.remainder:
             ready, _, _ = select.select([fd], [], [], max(end - time.monotonic(), 0.0))
             if not ready:
                 raise self._broken(f"no answer within {PATIENCE:g} s")
             more = os.read(fd, 65536)
             if not more:
                 raise self._broken("a program that has ended")
-            self.rest += more
-        line, _, self.rest = self.rest.partition(b"\n")
+            self.remainder += more
+        line, _, self.remainder = self.remainder.partition(b"\n")
         return line.decode(errors="replace").strip()
 
     def _broken(self, found: str) -> TiltcalError:
@@ -117,11 +117,12 @@ class Process:
 
 @dataclass(frozen=True)
 class Section:
-    """A stretch of the motion: at rest, a move or a swing.
+    """A section of the motion: a standstill, a move or a swing.
 
     Args:
-        kind: rest, move or swing; start, end: s; rms, worst: tilt error over its answered samples,
-            rad.
+        kind: rest, move or swing.
+        start, end: s.
+        rms, worst: tilt error over its answered samples, rad.
     """
 
     kind: str
@@ -146,10 +147,11 @@ class OnlineResult:
     """An estimator's tilt error.
 
     Args:
-        time: s, (n,); error: angle between the true and the found up, rad, (n,), NaN where it gave
-            no answer.
-        sections: of the motion, in order; kinds: of each sample, (n,).
-        seconds: mean time a sample.
+        time: s, (n,).
+        error: angle between the true and the estimated up, rad, (n,), NaN where it gave no answer.
+        sections: sections of the motion, in order.
+        kinds: kind of the section of each sample, (n,).
+        seconds: mean computing time of a sample, s.
     """
 
     time: Array
@@ -176,19 +178,19 @@ class OnlineResult:
 
     def settling(self, band: float) -> float:
         """Longest time from the end of a move until the error stays within a band (rad) for the
-        rest of the dwell, s.
+        remainder of the dwell, s.
         """
         longest = 0.0
         for before, s in zip(self.sections[:-1], self.sections[1:], strict=True):
             if s.kind == "rest" and before.kind != "rest":
                 inside = (self.time >= s.start) & (self.time < s.end)
-                late = np.flatnonzero(~(self.error[inside] <= band))
-                if len(late):
-                    longest = max(longest, float(self.time[inside][late[-1]] - s.start))
+                outside = np.flatnonzero(~(self.error[inside] <= band))
+                if len(outside):
+                    longest = max(longest, float(self.time[inside][outside[-1]] - s.start))
         return longest
 
     def limits(self, accept: AcceptOnline) -> Iterator[tuple[str, float, str, bool]]:
-        """Name, reached, allowed and whether it holds, of each limit."""
+        """Name, reached, allowed and whether it is met, of each limit."""
         yield (
             "samples answered",
             self.answered,
@@ -381,13 +383,21 @@ def feed(
 def judge(
     stamps: Array, tilt: Array, up: Array, scenario: Scenario, seconds: float
 ) -> OnlineResult:
-    """Tilt error of each sample and section. tilt: (n, 2), rad; up: true, (n, 3)."""
+    """Tilt error of each sample and section.
+
+    Args:
+        stamps: times of the answers, s.
+        tilt: (n, 2), rad.
+        up: true, (n, 3).
+        scenario: scenario of the motion.
+        seconds: computing time, s.
+    """
     sine = np.sin(tilt)
     third = np.sqrt(np.maximum(1 - (sine**2).sum(axis=1), 0.0)) * np.where(up[:, 2] < 0, -1.0, 1.0)
     error = angle_between(np.column_stack([sine, third]), up)
     legs = scenario.schedule.legs
     which = scenario.schedule.leg_of(stamps)
-    kinds = np.array([KINDS[leg.law] for leg in legs])
+    kinds = np.array([KINDS[leg.profile] for leg in legs])
     sections = []
     for k in np.unique(which):
         e = error[which == k]

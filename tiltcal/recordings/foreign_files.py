@@ -15,7 +15,7 @@ from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable
 from tiltcal.recordings.formats.registry import read_raw
 from tiltcal.recordings.formats.text import bad_cell
 from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
-from tiltcal.recordings.mapping import ColumnWords, Mapping, TimeWords
+from tiltcal.recordings.mapping import ColumnMapping, Mapping, TimeSource
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.repairs import repair
 from tiltcal.recordings.samples import Labels
@@ -30,7 +30,7 @@ class Imported:
     Args:
         recording: as it is to be written.
         findings: faults of the data as they came, before any repair.
-        repairs: what was changed, in words.
+        repairs: description of each change.
     """
 
     recording: Recording
@@ -78,30 +78,30 @@ def import_file(path: Path | str, mapping: Mapping, budget: ReadBudget | None = 
     ]
     findings = [f for t in main.tables for f in find_bad_lines(t)]
     repaired: list[_Part] = []
-    said: list[str] = []
+    repairs: list[str] = []
     for part in parts:
         findings += find_faults(part.time, part.columns)
-        time, columns, labels, words = repair(
+        time, columns, labels, done = repair(
             part.time, part.columns, part.labels, mapping.repair, mapping.time.period
         )
         repaired.append(_Part(time, part.zero, columns, labels))
-        said += [*part.repairs, *words]
+        repairs += [*part.repairs, *done]
     metadata = {"imported from": path.name} | mapping.metadata
-    said += [f"ragged_lines: {f.count} left out" for f in findings if f.kind == "ragged_lines"]
-    if said:
-        metadata["repairs"] = "; ".join(said)
-    return Imported(_joined(repaired, metadata, f"recording {path.name}"), findings, said)
+    repairs += [f"ragged_lines: {f.count} left out" for f in findings if f.kind == "ragged_lines"]
+    if repairs:
+        metadata["repairs"] = "; ".join(repairs)
+    return Imported(_joined(repaired, metadata, f"recording {path.name}"), findings, repairs)
 
 
-def _base(words: ColumnWords, mapping: Mapping) -> tuple[str, int | str | None]:
+def _base(column: ColumnMapping, mapping: Mapping) -> tuple[str, int | str | None]:
     """The table of a column and its time column: one base for all columns that share both."""
-    return mapping.table_of(words), words.time
+    return mapping.table_of(column), column.time
 
 
 def _part(
     main: RawFile,
     files: dict[str | None, RawFile],
-    wanted: Sequence[ColumnWords],
+    wanted: Sequence[ColumnMapping],
     mapping: Mapping,
 ) -> _Part:
     table = main.table(mapping.table_of(wanted[0]))
@@ -109,7 +109,7 @@ def _part(
     clock = mapping.time if own is None else mapping.time.model_copy(update={"column": own})
     time, zero = time_of(table, clock, main.source)
     columns: dict[str, Array] = {}
-    said: list[str] = []
+    repairs: list[str] = []
     labels = None
     for c in wanted:
         file = files[c.file]
@@ -125,19 +125,19 @@ def _part(
         if c.to == "label":
             labels = np.array([None if t is None else str(t) for t in raw], dtype=object)
         else:
-            values, words = _numbers(raw, c.to, file.source, mapping)
+            values, repaired = _numbers(raw, c.to, file.source, mapping)
             columns[c.to] = _scaled(values, c)
-            said += words
-    return _Part(time, zero, columns, labels, tuple(said))
+            repairs += repaired
+    return _Part(time, zero, columns, labels, tuple(repairs))
 
 
-def _scaled(values: Array, words: ColumnWords) -> Array:
-    scaled = values if words.scale == 1.0 else words.scale * values
-    return scaled + words.offset if words.offset else scaled
+def _scaled(values: Array, column: ColumnMapping) -> Array:
+    scaled = values if column.scale == 1.0 else column.scale * values
+    return scaled + column.offset if column.offset else scaled
 
 
 def _numbers(raw: Raw, name: str, source: str, mapping: Mapping) -> tuple[Array, list[str]]:
-    """A column as numbers, and the repair that made it so, in words."""
+    """A column as numbers, and a description of the repair that made it so."""
     if raw.dtype.kind == "M":
         raise bad_cell(raw.astype(str).astype(object), source, mapping.file.decimal)
     if raw.dtype != object:
@@ -145,30 +145,30 @@ def _numbers(raw: Raw, name: str, source: str, mapping: Mapping) -> tuple[Array,
     values, bad = numbers_in(raw, mapping.file.decimal)
     if len(bad) and "empty_text" not in mapping.repair:
         raise bad_cell(raw, source, mapping.file.decimal)
-    said = [f"empty_text: {len(bad)} cells of {name} emptied"] if len(bad) else []
-    return values, said
+    repairs = [f"empty_text: {len(bad)} cells of {name} emptied"] if len(bad) else []
+    return values, repairs
 
 
-def time_of(table: RawTable, words: TimeWords, source: str) -> tuple[Array, float]:
+def time_of(table: RawTable, spec: TimeSource, source: str) -> tuple[Array, float]:
     """The time of a table, s, (n,), counted from a zero, s, which is 0 unless the stamps are so
     large that they would resolve less than 10 ns.
 
     Raises:
-        TiltcalError: the column holds no times.
+        TiltcalError: the column contains no times.
     """
-    if words.column is None:
-        return np.arange(len(table)) / (words.rate_hz or 1.0), 0.0
-    raw = table.column(words.column, source)
-    if words.unit == "iso" or raw.dtype.kind == "M":
+    if spec.column is None:
+        return np.arange(len(table)) / (spec.rate_hz or 1.0), 0.0
+    raw = table.column(spec.column, source)
+    if spec.unit == "iso" or raw.dtype.kind == "M":
         counts, factor = iso_stamps(raw, source).astype(np.int64), 1e-9
     elif raw.dtype == object:
         raise bad_cell(raw, source, "point")
     else:
-        counts, factor = raw, words.tick_s or COLUMN_UNITS[words.unit].factor
+        counts, factor = raw, spec.tick_s or COLUMN_UNITS[spec.unit].factor
     if not np.isfinite(counts).all():
         raise TiltcalError(
             f"foreign recording {source}, data row {int(np.argmin(np.isfinite(counts))) + 1}",
-            found=f"no time in column {words.column}",
+            found=f"no time in column {spec.column}",
             need="a number",
             do="fill it in, or leave out that row",
         )

@@ -1,4 +1,4 @@
-"""A table of means with stated standard deviations in place of a log: one row a pose."""
+"""A table of means with stated standard deviations instead of a log: one row a pose."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

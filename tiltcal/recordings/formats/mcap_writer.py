@@ -1,7 +1,7 @@
 """Recordings as MCAP files of ROS 2 messages, for PlotJuggler, Foxglove and ROS.
 
-The module holds the definitions of the messages in the form MCAP stores them, and their encoding in
-CDR, little-endian, many messages of one layout at once.
+The module contains the definitions of the messages in the form MCAP stores them, and their encoding
+in CDR, little-endian, many messages of one layout at once.
 """
 
 from collections.abc import Iterator
@@ -102,14 +102,14 @@ def imu_messages(stamps: Stamps, force: Array | None, rate: Array | None) -> Ite
     numbers = np.zeros((len(stamps), _IMU))
     numbers[:, 3] = 1.0
     numbers[:, 4] = -1.0
-    for values, place, covariance in (
+    for values, offset, covariance in (
         (rate, _RATE, _RATE_COVARIANCE),
         (force, _FORCE, _FORCE_COVARIANCE),
     ):
         if values is None:
             numbers[:, covariance] = -1.0
         else:
-            numbers[:, place : place + 3] = values
+            numbers[:, offset : offset + 3] = values
     return _messages(stamps, b"", numbers)
 
 
@@ -195,7 +195,7 @@ class _Stream:
 
 
 def write_mcap(recording: Recording, path: Path) -> None:
-    """Write triads as ``sensor_msgs/Imu``, the temperature and the table angles beside them.
+    """Write triads as ``sensor_msgs/Imu``, with the temperature and the table angles.
 
     An accelerometer and a gyro that were sampled together share the topic ``/imu``; other triads
     have ``/<sensor>``. Time stamps are ``time_s``, plus the metadata ``time zero``.

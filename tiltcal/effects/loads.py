@@ -9,8 +9,8 @@ from tiltcal.setup.setup import Rig
 
 
 class LoadEffect(Effect):
-    """Which masses do the links carry beside those of the model? It shows through what bends under
-    them alone.
+    """Which masses do the links carry in addition to those of the model? It shows through what
+    bends under them alone.
     """
 
     @abstractmethod

@@ -46,11 +46,11 @@ class Parameter:
         positive: whether only values >= 0 make sense (a width, a time constant, a standard
             deviation).
         default: SI value when a scenario leaves it out.
-        shape: whether it says when, how fast or how wide and not how much; so does everything with
-            a default.
+        shape: whether it states when, how fast or how wide and not how much; so does everything
+            with a default.
         whole: whether it counts what comes in ones.
         bounded: whether a shape beyond those that the effect offers for a recording would make
-            another law of it.
+            another functional form of it.
         tables: names of the tables that have it; empty: any.
     """
 

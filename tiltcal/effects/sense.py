@@ -29,7 +29,8 @@ class Sense:
         gravity: stated, m/s2; rate_hz: nominal sample rate; full_scale: SI, or None.
         angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1
             while moving, (n,).
-        rests: says when each rest began and ended; None: with the first and the last row of a stop.
+        rests: when each standstill began and ended; None: with the first and the last row of a
+            stop.
         turn_rates: of each table axis, rad/s, (n,).
     """
 
@@ -62,20 +63,20 @@ class Sense:
     @cached_property
     def since_move(self) -> Array:
         """Time since the last move ended, s, (n,); 0 while moving."""
-        return self._rests.since(self.time)
+        return self._standstills.since(self.time)
 
     @cached_property
     def since_start(self) -> Array:
         """Time since the last move began, s, (n,); 0 before the first."""
-        return self._rests.since_start(self.time)
+        return self._standstills.since_start(self.time)
 
     @cached_property
     def moves(self) -> Array:
         """How many moves have begun, (n,)."""
-        return self._rests.moves(self.time)
+        return self._standstills.moves(self.time)
 
     @property
-    def _rests(self) -> Rests:
+    def _standstills(self) -> Rests:
         return Rests.at(
             self.rests,
             self.time,
@@ -84,8 +85,8 @@ class Sense:
 
     @classmethod
     def at_rest(cls, sensor: Sensor, gravity: float, force: Array) -> "Sense":
-        """What a sensor senses at rest at T0 under given specific forces, (m, 3), one row a pose,
-        ages apart.
+        """What a sensor senses at standstill at T0 under given specific forces, (m, 3), one row a
+        pose, ages apart.
         """
         still, zero = np.zeros(len(force)), np.zeros_like(force)
         ages = 1e9 * np.arange(len(force), dtype=float)

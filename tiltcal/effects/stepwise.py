@@ -35,7 +35,7 @@ class Stepping:
 
 
 class StepEffect(Protocol):
-    """An effect that goes on from step to step."""
+    """An effect that continues from step to step."""
 
     def restart(self, rows: Rows) -> None:
         """These environments begin a new recording."""
@@ -44,7 +44,7 @@ class StepEffect(Protocol):
         """The reading of these environments after the effect, (n, k), SI."""
 
 
-Law = Callable[[Array, Sense, np.random.Generator | None], Array]
+Apply = Callable[[Array, Sense, np.random.Generator | None], Array]
 
 
 @dataclass(frozen=True)
@@ -52,18 +52,18 @@ class Memoryless:
     """An effect that acts on each row by itself.
 
     Args:
-        law: ``SignalEffect.apply``.
-        stream: handed to the law; None for an effect that is not random.
+        apply: ``SignalEffect.apply``.
+        stream: handed to it; None for an effect that is not random.
     """
 
-    law: Law
+    apply: Apply
     stream: np.random.Generator | None = None
 
     def restart(self, rows: Rows) -> None:
         """Nothing is remembered."""
 
     def __call__(self, reading: Array, sense: Sense, rows: Rows) -> Array:
-        return self.law(reading, sense, self.stream)
+        return self.apply(reading, sense, self.stream)
 
 
 class DrawnAhead:
@@ -181,7 +181,7 @@ def lag_weights(tau: float, step: float) -> Array:
 
 
 class SteppedHold:
-    """Repeats the sample before, where ``repeats`` says so.
+    """Repeats the sample before, where ``repeats`` is set.
 
     Args:
         repeats: (sense, rows) -> which rows repeat, (n,); channels: that it acts on.

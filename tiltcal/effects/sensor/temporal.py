@@ -149,7 +149,7 @@ class AccTurnOn(SignalEffect):
 
 
 class _SteppedTurnOn:
-    """A bias drawn anew whenever an environment begins again."""
+    """A bias redrawn whenever an environment begins again."""
 
     def __init__(self, sigma: float, stepping: Stepping) -> None:
         self.sigma, self.streams = sigma, stepping.streams

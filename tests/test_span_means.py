@@ -98,7 +98,7 @@ def test_coarse_codes_of_more_rows_than_there_is_memory_for_are_refused(
     command = ["noise", str(tmp_path / "coarse.npz"), "--allow-memory", "2"]
     assert main(command) == 2
     said = capsys.readouterr().err
-    assert "whose codes are coarse, so that it is not averaged" in said
+    assert "whose quantisation is coarse, so that it is not averaged" in said
     assert "cut it into shorter recordings, or allow it with --allow-memory 3" in said
     assert main([*command[:-1], "4"]) == 0
 

@@ -25,7 +25,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import MM
-from tiltcal.laboratory.own_model import ModelAxis, ModelWords
+from tiltcal.laboratory.own_model import ModelAxis, ModelReference
 from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
 
 LARGEST = 64 * 2**20  # bytes
@@ -153,7 +153,7 @@ MOST_BODIES = 2000
 
 
 def read_model(
-    words: ModelWords, folder: Path, sites: Sequence[str] = ()
+    words: ModelReference, folder: Path, sites: Sequence[str] = ()
 ) -> tuple[Chain, dict[str, LinkFrame]]:
     """The links of a model whose joints a scenario maps to table axes, and places on them.
 
@@ -217,7 +217,7 @@ class ModelJoint:
 class ModelReader:
     """The links of one compiled model."""
 
-    def __init__(self, model: "mujoco.MjModel", words: ModelWords, subject: str) -> None:
+    def __init__(self, model: "mujoco.MjModel", words: ModelReference, subject: str) -> None:
         self.model, self.words, self.subject = model, words, subject
         self.data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self.data)

@@ -14,7 +14,7 @@ from tiltcal.setup.tables import CHANNEL
 
 PATIENCE_S = 30.0  # of the wall clock, for an answer or a frame
 BUFFER = 8192  # bytes of frames that wait to be read: the table is hardly ahead of its reader
-LEAD_S = 1.0  # of rest before the first step
+LEAD_S = 1.0  # of standstill before the first step
 ASK = 10  # frames between two questions whether it still moves
 ARRIVED = 0.01  # deg or mm: an axis further from its target has not obeyed
 MOVING = 1  # bit of the status byte
@@ -167,24 +167,24 @@ class SequenceRecorder:
         self.label = step.label
         if step.mount is not None:
             self._remount(step.mount, doing)
-        for axis, place, rate in self._asked(step):
+        for axis, position, rate in self._asked(step):
             number = self._number(axis, doing)
             self.client.send(f":LIMit:RATE {number},{rate!r}")
-            self.client.send(f":DEMand:POSition {number},{place!r}")
+            self.client.send(f":DEMand:POSition {number},{position!r}")
         self.client.require_no_error(doing)
         while int(self.client.ask("*STB?")) & MOVING:
             for _ in range(ASK):
                 self._read()
-        for axis, place, _ in self._asked(step):
-            self._require_arrived(axis, place, doing)
+        for axis, position, _ in self._asked(step):
+            self._require_arrived(axis, position, doing)
         self._keep(step.dwell_s)
 
     def _asked(self, step: Step) -> Iterator[tuple[str, float, float]]:
         """Each axis that a step moves, where to, and how fast, in deg or mm."""
-        for axis, place in step.angles_deg.items():
-            yield axis, place, step.rate_deg_s
-        for axis, place in step.lengths_mm.items():
-            yield axis, place, step.rate_mm_s
+        for axis, position in step.angles_deg.items():
+            yield axis, position, step.rate_deg_s
+        for axis, position in step.lengths_mm.items():
+            yield axis, position, step.rate_mm_s
 
     def _remount(self, mount: str, doing: str) -> None:
         """The frames after this instant have the new mounting."""
@@ -205,14 +205,14 @@ class SequenceRecorder:
             )
         return names.index(axis) + 1
 
-    def _require_arrived(self, axis: str, place: float, doing: str) -> None:
+    def _require_arrived(self, axis: str, position: float, doing: str) -> None:
         number = self._number(axis, doing)
         there, unit = float(self.client.ask(f":READ:POSition? {number}")), self.axes[number - 1][1]
-        if abs(there - place) > ARRIVED:
+        if abs(there - position) > ARRIVED:
             raise TiltcalError(
                 f"table {self.client.where}, {doing}",
                 found=f"axis {axis} at {there:g} {unit}",
-                need=f"{place:g} {unit}",
+                need=f"{position:g} {unit}",
                 do="free the axis, or reset the table after a trip",
             )
 

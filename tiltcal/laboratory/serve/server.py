@@ -167,7 +167,7 @@ class Server:
             self.readers.add(writer)
             try:
                 while await reader.read(LINE):
-                    pass  # nothing is said on this wire
+                    pass  # this connection sends nothing
             finally:
                 self.readers.discard(writer)
 

@@ -165,7 +165,9 @@ def test_noise_of_a_long_recording_is_that_of_its_samples_and_says_how(
     whole = noise_models(read_recording(path))
     assert not any(model.notes for model in whole.values())
     monkeypatch.setattr(span_means, "LONGEST", 10_000)
-    said = r"rest\.csv was read as averages over 0\.0[67] s \([67] samples\) to find its rests"
+    said = (
+        r"rest\.csv was read as averages over 0\.0[67] s \([67] samples\) to find its standstills"
+    )
     assert main(["noise", str(path)]) == 0
     assert len(re.findall(said, " ".join(capsys.readouterr().out.split()))) == 1
     assert main(["noise", str(path), "--json"]) == 0

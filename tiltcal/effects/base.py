@@ -35,7 +35,7 @@ class Effect(Traits, ABC):
     """One physical effect at some size. All parameters zero: nothing happens.
 
     Args:
-        values: SI value of each bare parameter name; names left out have their default.
+        values: SI value of each parameter name; names left out have their default.
         sensor: name of the sensor it acts on, for sensor, electronics, timing and data effects.
         axis: table axis it acts on, for effects of one axis.
         role: "calibration" or "found" in an amended scenario.
@@ -103,12 +103,12 @@ class Effect(Traits, ABC):
 
     @classmethod
     def sizes_on(cls, channels: Sequence[str], rig: Rig) -> dict[str, Parameter]:
-        """The sizes by their bare names, for a sensor with these channels on a rig."""
+        """The sizes by their parameter names, for a sensor with these channels on a rig."""
         sizes = [p for p in cls.parameters if not p.is_shape and p.stands_on(rig)]
         return {n: p for p in sizes for n in p.expand(channels)}
 
     def value(self, name: str) -> float:
-        """SI value of a bare parameter name."""
+        """SI value by parameter name."""
         if name in self.values:
             return self.values[name]
         return next((p.default for p in self.parameters if p.name == name), 0.0)

@@ -36,8 +36,10 @@ def spline_of(
     """Sums of the splines that are one at each knot, or a derivative, (n, m).
 
     Args:
-        u: coordinates, (n,); order: of the derivative.
-        knots: (p,); period: after which it begins again, 0 for none.
+        u: coordinates, (n,).
+        order: of the derivative.
+        knots: (p,).
+        period: after which it begins again, 0 for none.
         weights: of each spline, (p, m).
         parabola: whether it is that through three knots.
         holds: whether it is clamped to its last value beyond its knots. Else it extrapolates: a

@@ -57,7 +57,8 @@ def coordinate_of(
     thermometer of one temperature.
 
     Args:
-        name: of the coordinate; sense: what the sensor senses.
+        name: of the coordinate.
+        sense: what the sensor senses.
         own: the channel's true input, SI, (n,).
         lag: s, time constant by which the coordinate is lagged.
         travel: width of a play that it moves, SI: its state, in [-1, 1], replaces it; 0: none.
@@ -124,7 +125,8 @@ def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
     Counts and directions jump while the table moves; their derivatives are left out.
 
     Args:
-        name: of the coordinate; drive: along which.
+        name: of the coordinate.
+        drive: along which.
         travel: width of a play that an angle moves, rad: its state is felt instead; 0: none.
     """
     if (axis := axis_of(name)) is not None:
@@ -151,7 +153,8 @@ def force_jet(name: str, drive: Drive, force: Array, travel: float = 0.0) -> Jet
     """A component of a force along a drive with its time derivatives, (n,).
 
     Args:
-        name: ``force_x``, ...; drive: along which.
+        name: ``force_x``, ...
+        drive: along which.
         force: m/s2, (n, 3).
         travel: as in ``motion_jet``, m/s2.
     """

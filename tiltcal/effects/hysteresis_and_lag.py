@@ -207,7 +207,8 @@ class SteadyRecursion:
     """``steady_recursion`` of n samples piece by piece, to the bit; not with blocks below 8.
 
     Args:
-        decay: in (0, 1); n: samples of all pieces.
+        decay: in (0, 1).
+        n: samples of all pieces.
     """
 
     def __init__(self, decay: float, n: int) -> None:

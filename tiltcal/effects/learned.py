@@ -57,14 +57,16 @@ class Learned(Effect):
         relaxing: with such a lagged curve, whether only its remainder acts: the lagged curve less
             that of now.
         play: width of a play, SI, whose state, in [-1, 1], the curve follows; 0 for none.
-        power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
+        power: c0 |u|^power instead of a spline or harmonics; 0 for none.
+        odd: with the sign of u.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
             alone.
         times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, ``speed``
             or the rate of an axis, rad/s, an angle, rad, ``way_<axis>``, or an input of a reading.
         instants: s from the first stamp, of transients over time: each rises evenly to its
             coefficient within ``rise``, s, before it, and falls with the time constant ``fall``, s.
-        slot: of the frame that it tilts; turn: coordinate axis it tilts about.
+        slot: of the frame that it tilts.
+        turn: coordinate axis it tilts about.
         place: stage of the chain it is attributed to.
         holds: whether it is clamped to its last value beyond its knots, over temperature as well.
     """

@@ -99,7 +99,7 @@ class PerTable:
     """Parameters whose names follow from the axes of a table: those of all tables together.
 
     Args:
-        names: bare names on one table.
+        names: parameter names on one table.
         unit, plausible: as of a Parameter.
         order: names that come first, in this order.
     """
@@ -128,5 +128,5 @@ def _on_all_tables(each: PerTable, names: tuple[str, ...]) -> tuple[Parameter, .
 
 @lru_cache(maxsize=512)
 def by_name(parameters: tuple[Parameter, ...]) -> Mapping[str, Parameter]:
-    """The parameter of each bare name on any sensor."""
+    """The parameter of each name on any sensor."""
     return {name: p for p in parameters for name in p.expand(tuple("xyza"))}

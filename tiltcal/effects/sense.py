@@ -18,17 +18,21 @@ class Sense:
     """What a sensor senses, and what its channels are.
 
     Args:
-        time: s, (n,); elapsed: since the first stamp.
+        time: s, (n,).
+        elapsed: since the first stamp.
         force: specific force, body frame, m/s2, (n, 3).
         rate: angular rate against inertial space, body frame, rad/s, (n, 3).
         up, north: the world's up and table North in the body frame, (n, 3).
         angular_acceleration: rad/s2, (n, 3).
         temperature: minus T0, K, (n,).
         axes: body axis of each channel, (k,).
-        kind: of the sensor; input_vector: of a FOG, (3,).
-        gravity: stated, m/s2; rate_hz: nominal sample rate; full_scale: SI, or None.
-        angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1
-            while moving, (n,).
+        kind: of the sensor.
+        input_vector: of a FOG, (3,).
+        gravity: stated, m/s2.
+        rate_hz: nominal sample rate.
+        full_scale: SI, or None.
+        angles: readout of each table axis, rad, (n,).
+        stop: number of the stop of each row, -1 while moving, (n,).
         rests: when each standstill began and ended; None: with the first and the last row of a
             stop.
         turn_rates: of each table axis, rad/s, (n,).

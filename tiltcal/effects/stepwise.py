@@ -70,7 +70,8 @@ class DrawnAhead:
     """Random numbers drawn ahead from a stream for each channel, in the stream's own order.
 
     Args:
-        streams: of each channel of each row; shape: of one draw, (rows, channels, numbers).
+        streams: of each channel of each row.
+        shape: of one draw, (rows, channels, numbers).
         draw: a method of the streams that takes ``out``.
     """
 
@@ -132,7 +133,8 @@ class SteppedLag:
     samples.
 
     Args:
-        tau, step: s; shape: of the reading, (environments, channels).
+        tau, step: s.
+        shape: of the reading, (environments, channels).
     """
 
     def __init__(self, tau: float, step: float, shape: tuple[int, int]) -> None:
@@ -184,7 +186,8 @@ class SteppedHold:
     """Repeats the sample before, where ``repeats`` is set.
 
     Args:
-        repeats: (sense, rows) -> which rows repeat, (n,); channels: that it acts on.
+        repeats: (sense, rows) -> which rows repeat, (n,).
+        channels: that it acts on.
     """
 
     def __init__(

@@ -64,7 +64,8 @@ def without_outliers(
     where a hand stops at once the course is off, and they agree. Without a FOG all are kept.
 
     Args:
-        readings: of one channel; course: None while none is known.
+        readings: of one channel.
+        course: None while none is known.
         disagreeing: of each FOG, see ``apart``, (m,) each.
     """
     if course is None or not disagreeing or len(readings.time) < 2 * AROUND + 1:
@@ -127,7 +128,8 @@ class HandMotion:
 
     Args:
         setup, motion, effects: the sensors, their readings and their model.
-        gyro: a triad; fogs: those with readings.
+        gyro: a triad.
+        fogs: those with readings.
         force: specific force in the body, m/s2, NaN where it is not known, (n, 3).
     """
 

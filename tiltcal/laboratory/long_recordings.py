@@ -28,7 +28,9 @@ class Stamps:
     """When a sensor is sampled.
 
     Args:
-        start: s; rate_hz; n: samples.
+        start: s.
+        rate_hz: of the samples.
+        n: samples.
     """
 
     start: float

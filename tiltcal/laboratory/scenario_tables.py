@@ -136,8 +136,8 @@ class EstimatorTable(StrictTable):
     """One ``[[estimator]]``: an algorithm that runs sample by sample.
 
     Args:
-        name: of its factory: built in, or package.module:factory; command: or a program, fed on its
-            standard input.
+        name: of its factory: built in, or package.module:factory.
+        command: or a program, fed on its standard input.
         calibrate: a method that is run first, on what was recorded before from_s; its result is
             handed to the factory.
         from_s: where feeding and judging begin, s.

@@ -56,7 +56,8 @@ def smoothed(time: Array, values: Array, stop: Index) -> tuple[Array, Array]:
     residual is noise only).
 
     Args:
-        time: s, increasing, (m,); values: (m, k).
+        time: s, increasing, (m,).
+        values: (m, k).
         stop: number of the dwell of each, -1 while moving, (m,).
     """
     found, weight = values.copy(), np.ones(values.shape)
@@ -86,8 +87,9 @@ def leave_one_out(values: Array, smooth: Array, weight: Array) -> Array:
     variables: Angrist, Imbens, Krueger, J. Appl. Econometrics 14, 1999).
 
     Args:
-        values, smooth: as read and smoothed linearly; weight: of each sample in its own value; all
-            (m, k). A sample that nothing else determines (weight 1) stays as it is.
+        values, smooth: as read and smoothed linearly.
+        weight: of each sample in its own value; all (m, k). A sample that nothing else determines
+            (weight 1) stays as it is.
     """
     others = 1 - weight
     known = others > MIN_WEIGHT

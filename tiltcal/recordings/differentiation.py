@@ -33,7 +33,8 @@ def by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array, Array]
     more (Ruppert, J. Am. Stat. Assoc. 92, 1997). The narrowest window where none fits.
 
     Args:
-        u: angle, rad. noise: of each sample, rad, (n,).
+        u: angle, rad.
+        noise: of each sample, rad, (n,).
     """
     n = len(u)
     derivatives, error = _by_narrowest(u, noise)
@@ -207,7 +208,8 @@ def differentiate(time: Array, angle: Array, still: Mask, parted: Index = NOWHER
     than MIN_ROWS rows of a motion give no rate.
 
     Args:
-        time: s, increasing, (n,). angle: rad, (n,).
+        time: s, increasing, (n,).
+        angle: rad, (n,).
         still: rows at which the axis stands still, (n,).
         parted: first rows after pauses of the log.
     """
@@ -307,8 +309,10 @@ def _by_windows(
     their errors, (n,) each.
 
     Args:
-        time: of the stamps, s, (n,); still: rows at standstill, (n,).
-        grid, uniform: even times, s, and the angle there, rad, (m,); noise: of it, rad, (m,).
+        time: of the stamps, s, (n,).
+        still: rows at standstill, (n,).
+        grid, uniform: even times, s, and the angle there, rad, (m,).
+        noise: of it, rad, (m,).
     """
     from scipy.interpolate import CubicHermiteSpline
 

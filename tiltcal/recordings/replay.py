@@ -27,7 +27,8 @@ class Replay:
         time: the recording's stamps, s, (n,).
         angles: of each axis, rad, (n,), gaps interpolated.
         known: rows where every axis was read, (n,).
-        temperature: degC, (n,); reference: T0.
+        temperature: degC, (n,).
+        reference: T0.
         mounts: (from time, R_mount).
         stop: number of the stop of each row, -1 while moving, (n,).
     """

@@ -20,8 +20,8 @@ class SteppedNoise:
     Args:
         stepping: sensor and streams.
         white, walk: as of ``draw_noise``.
-        flicker: standard deviation of each of its first-order processes; taus: their time
-            constants, s.
+        flicker: standard deviation of each of its first-order processes.
+        taus: their time constants, s.
     """
 
     def __init__(

@@ -28,7 +28,8 @@ class History:
 
     Args:
         longest: delay that is asked for, steps.
-        rows: environments; width: numbers of an input.
+        rows: environments.
+        width: numbers of an input.
     """
 
     def __init__(self, longest: float, rows: int, width: int) -> None:
@@ -76,7 +77,8 @@ class Surroundings:
     """What every sensor of an instrument shares.
 
     Args:
-        scenario: site and climate; step_s: between samples of the motion, s.
+        scenario: site and climate.
+        step_s: between samples of the motion, s.
     """
 
     scenario: Scenario
@@ -105,9 +107,12 @@ class SensorChain:
     """One sensor on many environments.
 
     Args:
-        sensor: of the scenario; around: what it shares with the others.
-        effects: that act on it; rows: environments; seed: of the first environment, the next ones
-            have the next numbers; None: without random effects and quantisation.
+        sensor: of the scenario.
+        around: what it shares with the others.
+        effects: that act on it.
+        rows: environments.
+        seed: of the first environment, the next ones have the next numbers; None: without random
+            effects and quantisation.
 
     Raises:
         TiltcalError: an effect cannot act step by step.

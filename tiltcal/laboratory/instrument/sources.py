@@ -81,7 +81,8 @@ class ModelSensor:
     """A sensor of a MuJoCo model: where it stands in ``sensordata``.
 
     Args:
-        model: MjModel; name: of the sensor.
+        model: MjModel.
+        name: of the sensor.
 
     Raises:
         TiltcalError: there is none of that name.

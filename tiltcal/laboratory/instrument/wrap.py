@@ -31,7 +31,8 @@ class Fitting:
     """An instrument and the keys or indices of its inputs and of its readings in an observation.
 
     Args:
-        env: single or vectorised; instrument: what reads.
+        env: single or vectorised.
+        instrument: what reads.
         sources: where ``force`` and ``rate`` are found.
         observe: what becomes of the observation; None: the readings of the first accelerometer and
             the first gyro replace force and rate, where these are in the observation.

@@ -23,8 +23,10 @@ class Piece:
     that the acceleration begins and ends at zero.
 
     Args:
-        start: s; x, v: there, rad, rad/s, or m, m/s of an axis that slides; change: of the rate;
-            length: s.
+        start: s.
+        x, v: there, rad, rad/s, or m, m/s of an axis that slides.
+        change: of the rate.
+        length: s.
     """
 
     start: float
@@ -40,8 +42,10 @@ class AxisDrive:
 
     Args:
         mode: off holds still.
-        rate, acceleration: largest; low, high: limits of the readout.
-        stuck: it does not move; slip: true position minus readout.
+        rate, acceleration: largest.
+        low, high: limits of the readout.
+        stuck: it does not move.
+        slip: true position minus readout.
         demand: position or rate that was last asked for.
         pieces: of its motion, the last one continues.
         unit: of commands and frames: a deg or a mm.

@@ -125,7 +125,8 @@ class SequenceRecorder:
     """Runs a sequence and keeps the frames.
 
     Args:
-        client: connected; steps: of a sequence file.
+        client: connected.
+        steps: of a sequence file.
     """
 
     client: TableClient

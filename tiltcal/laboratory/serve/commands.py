@@ -153,7 +153,8 @@ class TableCommands:
     """The commands of a table.
 
     Args:
-        table: that obeys; ports: of the streams by name, for ``:STReam:PORT?``.
+        table: that obeys.
+        ports: of the streams by name, for ``:STReam:PORT?``.
     """
 
     def __init__(self, table: RateTable, ports: Mapping[str, int] | None = None) -> None:

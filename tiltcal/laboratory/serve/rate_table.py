@@ -65,7 +65,10 @@ class Frame:
     """The readings of one instant, in the units of a recording.
 
     Args:
-        counter: from 0 on; time: s; values: of each column; lost: it never leaves the table.
+        counter: from 0 on.
+        time: s.
+        values: of each column.
+        lost: it never leaves the table.
     """
 
     counter: int

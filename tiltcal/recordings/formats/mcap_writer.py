@@ -176,8 +176,10 @@ class Triad:
     """Three columns of a sensor.
 
     Args:
-        name: of the sensor; quantity: acceleration or rate.
-        rows: of the recording, (m,); values: SI, (m, 3).
+        name: of the sensor.
+        quantity: acceleration or rate.
+        rows: of the recording, (m,).
+        values: SI, (m, 3).
     """
 
     name: str

@@ -48,7 +48,7 @@ def test_ripples_and_widths_come_from_the_recording():
 
 
 def test_known_lines_are_not_looked_at_again():
-    new = SpectralLines(tones=(1.0, 5.0), ripples=(12, 36)).beside(
+    new = SpectralLines(tones=(1.0, 5.0), ripples=(12, 36)).without(
         SpectralLines(tones=(5.001,), ripples=(36,)), 0.005
     )
     assert new == SpectralLines(tones=(1.0,), ripples=(12,))

@@ -38,10 +38,10 @@ def names_of(cls):
 
 @EVERY
 def test_a_twin_by_law_stands_for_itself(cls):
-    if cls.same_law_as:
-        twin = CATALOGUE[cls.same_law_as]
+    if cls.same_form_as:
+        twin = CATALOGUE[cls.same_form_as]
         assert twin is not cls
-        assert not twin.same_law_as
+        assert not twin.same_form_as
         assert cls.has_column()
         assert twin.has_column()
 
@@ -93,7 +93,7 @@ def test_a_name_without_a_law_has_curves_that_stand_for_it(cls):
 
 @EVERY
 def test_a_law_that_is_felt_late_follows_temperature(cls):
-    if cls.felt_late:
+    if cls.lags_thermometer:
         tilts = tuple(coordinate for _, coordinate in cls.family.tilt)
         followed = {*cls.family.reading, *cls.family.scale, *cls.family.across, *tilts}
         assert cls.needs == "temperature"
@@ -168,7 +168,7 @@ def test_what_is_ordinary_stands_for_itself_and_leaves_the_data_sound(cls):
     if cls.ordinary:
         assert not cls.repair
         assert not cls.acts_from_an_instant
-        assert cls.same_law_as in ("", "acc_cross_axis")  # a mounting is there all the same
+        assert cls.same_form_as in ("", "acc_cross_axis")  # a mounting is there all the same
 
 
 @EVERY

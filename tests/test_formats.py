@@ -25,7 +25,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.foreign_files import import_file, import_recording
 from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.registry import read_raw
-from tiltcal.recordings.mapping import FileWords, parse_mapping
+from tiltcal.recordings.mapping import FileLayout, parse_mapping
 from tiltcal.recordings.proposal.propose import propose_mapping
 
 N, RATE = 400, 100.0
@@ -68,7 +68,7 @@ def test_numpy_archives_of_vectors_and_matrices(tmp_path):
 def test_matlab_5_by_scipy(tmp_path):
     imu = {"acc": FORCE, "gyro": GYRO, "unit": "SI"}
     io.savemat(tmp_path / "a.mat", {"log": {"time": TIME[:, None], "imu": imu}, "rate": 100.0})
-    names = read_raw(tmp_path / "a.mat", FileWords()).table("").names
+    names = read_raw(tmp_path / "a.mat", FileLayout()).table("").names
     assert names[:2] == ["log.time", "log.imu.acc_1"]
     found = proposed(tmp_path / "a.mat", gyro_x="rad_s", gyro_y="rad_s", gyro_z="rad_s")
     assert_same_motion(found)
@@ -321,14 +321,14 @@ def test_an_mcap_file_that_expands_is_refused(indexed, tmp_path):
         writer.finish()
     assert (tmp_path / "a.mcap").stat().st_size < 100_000
     with pytest.raises(TiltcalError, match=r"found 0\.015 GB of values, need at most 0\.01 GB"):
-        read_raw(tmp_path / "a.mcap", FileWords(), ReadBudget(0.01))
+        read_raw(tmp_path / "a.mcap", FileLayout(), ReadBudget(0.01))
 
 
 @pytest.mark.parametrize("name", ["a.npz", "a.mat", "a.h5", "a.parquet", "a.bag", "a.tdms"])
 def test_more_than_the_budget_is_refused_before_it_is_read(name, tmp_path):
     MADE[name](tmp_path / name)
     with pytest.raises(TiltcalError, match=r"need at most 1e-06 GB; .* --memory-gb"):
-        read_raw(tmp_path / name, FileWords(), ReadBudget(1e-6))
+        read_raw(tmp_path / name, FileLayout(), ReadBudget(1e-6))
 
 
 def test_an_archive_that_states_more_than_it_holds_is_refused(tmp_path):
@@ -338,7 +338,7 @@ def test_an_archive_that_states_more_than_it_holds_is_refused(tmp_path):
         body = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + bytes(64)
         archive.writestr("t.npy", body)
     with pytest.raises(TiltcalError, match=r"a shape of \(1000000000000,\) in \d+ bytes"):
-        read_raw(tmp_path / "a.npz", FileWords())
+        read_raw(tmp_path / "a.npz", FileLayout())
 
 
 def test_a_small_file_that_expands_is_refused(tmp_path):
@@ -346,7 +346,7 @@ def test_a_small_file_that_expands_is_refused(tmp_path):
     parquet.write_table(table, tmp_path / "a.parquet")
     assert (tmp_path / "a.parquet").stat().st_size < 100_000
     with pytest.raises(TiltcalError, match=r"found 0\.048 GB of values, need at most 0\.01 GB"):
-        read_raw(tmp_path / "a.parquet", FileWords(), ReadBudget(0.01))
+        read_raw(tmp_path / "a.parquet", FileLayout(), ReadBudget(0.01))
 
 
 @pytest.mark.parametrize(
@@ -362,7 +362,7 @@ def test_a_missing_library_is_named_with_its_extra(name, module, extra, tmp_path
     MADE[name](tmp_path / name)
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(TiltcalError, match=rf'pip install "tiltcal\[{extra}\]"'):
-        read_raw(tmp_path / name, FileWords())
+        read_raw(tmp_path / name, FileLayout())
 
 
 def test_objects_of_matlab_are_refused_with_the_way_out(tmp_path):
@@ -370,7 +370,7 @@ def test_objects_of_matlab_are_refused_with_the_way_out(tmp_path):
         item = file.create_dataset("TT", data=np.array([[3707764736, 2, 1, 1, 1, 1]], np.uint32))
         item.attrs["MATLAB_class"] = np.bytes_("timetable")
     with pytest.raises(TiltcalError, match="table2struct"):
-        read_raw(tmp_path / "a.mat", FileWords())
+        read_raw(tmp_path / "a.mat", FileLayout())
 
 
 # --------------------------------------------------------------------------------------------------
@@ -478,7 +478,7 @@ def test_a_wrong_encoding_is_refused(tmp_path):
     (tmp_path / "a.csv").write_bytes("x\n°\n".encode("cp1252"))
     for name in ("gb18030", "nonsense"):
         with pytest.raises(TiltcalError, match=r"file\.encoding"):
-            read_raw(tmp_path / "a.csv", FileWords(encoding=name))
+            read_raw(tmp_path / "a.csv", FileLayout(encoding=name))
 
 
 def test_labels_come_along(tmp_path):

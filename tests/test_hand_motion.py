@@ -7,7 +7,7 @@ from tiltcal.core.units import DEG
 from tiltcal.laboratory.hand_motion import HandMotion, smoothed_readings
 from tiltcal.laboratory.handheld import predicted_readings
 from tiltcal.laboratory.scenario import parse_scenario
-from tiltcal.laboratory.smoothing import smoothed, stops_of, told_by_others
+from tiltcal.laboratory.smoothing import leave_one_out, smoothed, stops_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.splines import most_probable_course
 
@@ -223,11 +223,11 @@ def test_what_the_others_tell_of_a_sample_does_not_change_with_it():
     rng = np.random.default_rng(7)
     time, read = 0.02 * np.arange(200), rng.standard_normal((200, 3))
     stop = np.where((time > 1) & (time < 2), 0, -1)
-    told = told_by_others(read, *smoothed(time, read, stop))
+    told = leave_one_out(read, *smoothed(time, read, stop))
     for row in (20, 75, 150):  # of a turn, a rest, a turn
         other = read.copy()
         other[row] += 1e-3
-        changed = told_by_others(other, *smoothed(time, other, stop))
+        changed = leave_one_out(other, *smoothed(time, other, stop))
         np.testing.assert_allclose(changed[row], told[row], rtol=0, atol=1e-12)
         assert np.all(changed[row + 1] != told[row + 1])
 

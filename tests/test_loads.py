@@ -9,7 +9,7 @@ from statistics_helpers import rng_of
 
 from tiltcal.core.units import ARCSEC
 from tiltcal.recordings.differentiation import differentiate
-from tiltcal.recordings.table_standstills import at_rest
+from tiltcal.recordings.table_standstills import standstills
 from tiltcal.setup.chain import BASE, Chain, Link
 from tiltcal.setup.loads import Loads, Mass, moments
 from tiltcal.setup.trajectory import Jet, sampled_jet
@@ -52,7 +52,7 @@ def read(time, noise):
     axes = {}
     for name, jet in swing(time).items():
         x = jet.x + noise * rng.standard_normal(len(time))
-        axes[name] = Jet(x, *differentiate(time, x, *at_rest(time, x[:, None]))[:2])
+        axes[name] = Jet(x, *differentiate(time, x, *standstills(time, x[:, None]))[:2])
     return axes
 
 

@@ -118,7 +118,7 @@ def test_an_open_question_in_a_mapping_is_refused_until_it_is_answered(tmp_path,
     words = ["import", str(path), "--map", str(where), "-o", str(tmp_path / "run.csv")]
     assert main(words) == 2
     message = capsys.readouterr().err
-    assert "rate_hz is '?': the file does not say it; fill it in" in message
+    assert "rate_hz is '?': the file does not state it; fill it in" in message
     assert "the unit of 'gyro_x_?' is not known from the file; fill it in" in message
     answered = where.read_text().replace('rate_hz = "?"', "rate_hz = 100").replace("_?", "_rad_s")
     where.write_text(answered)
@@ -144,7 +144,7 @@ def test_a_unit_that_gravity_contradicts_is_not_believed(tmp_path):
     path = table_of(tmp_path / "a.csv", names, np.arange(600) / 100, *f.T)
     text = propose_mapping(path).toml()
     assert 'to = "accel_x_?"' in text
-    assert "the file says g, but the norm at rest 9.81 is not 1" in text
+    assert "the file states g, but the norm at rest 9.81 is not 1" in text
 
 
 def test_two_triads_of_even_norm_without_names_are_told_apart_by_nobody(tmp_path):
@@ -307,7 +307,7 @@ def test_a_comma_before_three_digits_everywhere_may_group_thousands(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("\n".join(["t;ax;ay;az", *rows]).replace(".", ",") + "\n")
     found = propose_mapping(path)
-    assert found.dialect.words.decimal == "comma"
+    assert found.dialect.layout.decimal == "comma"
     assert any("groups thousands" in doubt for doubt in found.doubts)
     path.write_text(path.read_text().replace("9,81", "9,8"))
     assert not any("groups thousands" in doubt for doubt in propose_mapping(path).doubts)

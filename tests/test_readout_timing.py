@@ -125,6 +125,6 @@ def test_steady_turn_is_told_by_the_updates_and_a_change_of_rate_is_not():
     np.testing.assert_allclose(
         effect.restored("outer", time, held)[time > 11][:-5], angle[time > 11][:-5], atol=1e-6
     )
-    untold = effect.untold("outer", time, held)
-    assert untold[np.abs(time - 10) < INTERVAL].all()
-    assert not untold[np.abs(time - 10) > 5 * INTERVAL].any()
+    lost = effect.undetermined("outer", time, held)
+    assert lost[np.abs(time - 10) < INTERVAL].all()
+    assert not lost[np.abs(time - 10) > 5 * INTERVAL].any()

@@ -10,7 +10,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.segmentation import dwells, find_segments, majority, resting_rows
+from tiltcal.recordings.segmentation import dwells, find_segments, majority, standstill_rows
 
 DWELL = 5.0  # s
 POSES = {
@@ -215,8 +215,8 @@ def test_resting_rows_of_a_readout_are_the_true_ones():
     scenario = scenario_of("placing")
     time = np.arange(0, scenario.schedule.times[1], 0.02)
     jet = scenario.schedule.drive(time).axes["outer"]
-    resting = resting_rows(time, jet.x[:, None])
+    resting = standstill_rows(time, jet.x[:, None])
     assert not resting[np.abs(jet.v) > 0.05].any()
     assert resting[jet.v == 0].mean() > 0.9
-    assert resting_rows(time[:2], jet.x[:2, None]).all()
+    assert standstill_rows(time[:2], jet.x[:2, None]).all()
     assert setup_of("placing").rig.axis_names == ("outer",)

@@ -92,7 +92,7 @@ def test_counts_get_their_zero_and_scale_from_gravity(capsys):
 def test_a_unit_that_gravity_contradicts_is_said(dual, capsys):
     in_g = {f"accel_{a}_g": dual.column(f"accel_{a}_m_s2") for a in "xyz"}
     _, said = written(tc.Recording.from_columns(dual.time, in_g), capsys)
-    assert "the file says g, but the norm at rest" in said
+    assert "the file states g, but the norm at rest" in said
 
 
 @pytest.mark.usefixtures("here")

@@ -20,7 +20,7 @@ from tiltcal.core.frames import rotation
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
 from tiltcal.effects.mechanisms import Compliance
 from tiltcal.forward.kinematics import world_of
-from tiltcal.laboratory.own_model import ModelAxis, ModelWords, fixed_error, fixed_turn
+from tiltcal.laboratory.own_model import ModelAxis, ModelReference, fixed_error, fixed_turn
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import bearing
 from tiltsim.model_reader import ModelJoint, ModelReader
@@ -63,7 +63,7 @@ class Reference:
             )
         stated = ("joint", "sign", "offset_deg", "offset_mm")
         axes = {link.axis: ModelAxis(**{k: getattr(link, k) for k in stated}) for link in rig.link}
-        text = ModelWords(mjcf=rig.model, axes=axes, site=rig.site)
+        text = ModelReference(mjcf=rig.model, axes=axes, site=rig.site)
         reader = ModelReader(spec.compile(), text, f"model {rig.model}")
         reader.frame_of(rig.site)
         return cls(reader.model, tuple(reader.axes), rig.site, reader.base_moment())

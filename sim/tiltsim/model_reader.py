@@ -26,7 +26,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import MM
-from tiltcal.laboratory.own_model import ModelAxis, ModelWords
+from tiltcal.laboratory.own_model import ModelAxis, ModelReference
 from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
 
 LARGEST = 64 * 2**20  # bytes
@@ -154,7 +154,7 @@ MOST_BODIES = 2000
 
 
 def read_model(
-    text: ModelWords, folder: Path, sites: Sequence[str] = ()
+    text: ModelReference, folder: Path, sites: Sequence[str] = ()
 ) -> tuple[Chain, dict[str, LinkFrame]]:
     """The links of a model whose joints a scenario maps to table axes, and sites on them.
 
@@ -218,7 +218,7 @@ class ModelJoint:
 class ModelReader:
     """The links of one compiled model."""
 
-    def __init__(self, model: "mujoco.MjModel", text: ModelWords, subject: str) -> None:
+    def __init__(self, model: "mujoco.MjModel", text: ModelReference, subject: str) -> None:
         self.model, self.table, self.subject = model, text, subject
         self.data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self.data)

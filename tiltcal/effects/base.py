@@ -1,7 +1,7 @@
-"""What an effect is. One class holds one physical effect: injected, fitted, named, printed and
-tested from it. What else is known of it, such as the shapes that a scan tries: ``traits``.
+"""Effects. One class is one physical effect: injected, fitted, named, printed and
+tested from it. Further properties, such as the shapes that a scan tries: ``traits``.
 
-The places where an effect may act, each an abstract class that asks one question:
+The stages at which an effect may act, each an abstract class that answers one question:
 
 ==============  =============================================  ===========================
 WorldEffect     how does the world differ?                     gravity, Earth, lever arm
@@ -35,7 +35,7 @@ class Effect(Traits, ABC):
     """One physical effect at some size. All parameters zero: nothing happens.
 
     Args:
-        values: SI value of each bare parameter name; names left out have their default.
+        values: SI value of each parameter name; names left out have their default.
         sensor: name of the sensor it acts on, for sensor, electronics, timing and data effects.
         axis: table axis it acts on, for effects of one axis.
         role: "calibration" or "found" in an amended scenario.
@@ -103,12 +103,12 @@ class Effect(Traits, ABC):
 
     @classmethod
     def sizes_on(cls, channels: Sequence[str], rig: Rig) -> dict[str, Parameter]:
-        """The sizes by their bare names, for a sensor with these channels on a rig."""
+        """The sizes by their parameter names, for a sensor with these channels on a rig."""
         sizes = [p for p in cls.parameters if not p.is_shape and p.stands_on(rig)]
         return {n: p for p in sizes for n in p.expand(channels)}
 
     def value(self, name: str) -> float:
-        """SI value of a bare parameter name."""
+        """SI value by parameter name."""
         if name in self.values:
             return self.values[name]
         return next((p.default for p in self.parameters if p.name == name), 0.0)
@@ -218,11 +218,11 @@ class WritingEffect(Effect):
         return None
 
     def restored(self, axis: str, time: Array, written: Array) -> Array:
-        """The readout behind a written one, as far as it can be told, rad, (n,)."""
+        """The readout behind a written one, as far as it can be determined, rad, (n,)."""
         return written
 
-    def untold(self, axis: str, time: Array, written: Array) -> Mask | None:
-        """Rows, (n,), whose motion the written readout does not tell; None: none. time: s."""
+    def undetermined(self, axis: str, time: Array, written: Array) -> Mask | None:
+        """Rows, (n,), whose motion the written readout does not determine; None: none. time: s."""
         return None
 
     def stamps(self, time: Array) -> Array:
@@ -231,7 +231,7 @@ class WritingEffect(Effect):
 
 
 class DelayEffect(Effect):
-    """How much earlier was the signal taken than its stamp says?"""
+    """How much earlier than its stamp was the signal taken?"""
 
     @abstractmethod
     def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:

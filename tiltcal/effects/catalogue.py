@@ -1,4 +1,4 @@
-"""The catalogue: every effect under its id, and the making of one from a file's words."""
+"""The catalogue: every effect under its id, and the making of one from the keys of a file."""
 
 import importlib
 import inspect
@@ -112,9 +112,9 @@ class Catalogue(Mapping[str, type[Effect]]):
 
     @cached_property
     def _classes(self) -> dict[str, type[Effect]]:
-        place = {stage: k for k, stage in enumerate(STAGES)}
+        rank = {stage: k for k, stage in enumerate(STAGES)}
         found = _with_installed().items()
-        return dict(sorted(found, key=lambda item: (place[item[1].stage], item[0])))
+        return dict(sorted(found, key=lambda item: (rank[item[1].stage], item[0])))
 
     def __getitem__(self, id: str) -> type[Effect]:
         return self._classes[id]
@@ -144,12 +144,12 @@ def make_effect(
     lasts: bool = True,
     subject: str = "effect",
 ) -> Effect:
-    """An effect from a file's words: ``make_effect("acc_K2", {"k2_x_ug_g2": 120}, setup,
+    """An effect from the keys of a file: ``make_effect("acc_K2", {"k2_x_ug_g2": 120}, setup,
     sensor="accel")``.
 
     Raises:
         TiltcalError: unknown id, sensor, axis or parameter, or a unit that does not fit; with the
-            nearest valid word.
+            nearest valid key.
     """
     if id == Learned.id:
         return replace(

@@ -36,12 +36,15 @@ def spline_of(
     """Sums of the splines that are one at each knot, or a derivative, (n, m).
 
     Args:
-        u: coordinates, (n,); order: of the derivative.
-        knots: (p,); period: after which it starts again, 0 for none.
+        u: coordinates, (n,).
+        order: of the derivative.
+        knots: (p,).
+        period: after which it begins again, 0 for none.
         weights: of each spline, (p, m).
         parabola: whether it is that through three knots.
-        holds: whether it keeps its last value beyond its knots. Else it goes on: a parabola as it
-            is, others by their mean slope, as an end is as uncertain as a few readings there.
+        holds: whether it is clamped to its last value beyond its knots. Else it extrapolates: a
+            parabola as it is, others by their mean slope, as an end is as uncertain as a few
+            readings there.
     """
     from scipy.interpolate import PPoly
 

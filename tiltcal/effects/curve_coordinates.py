@@ -17,7 +17,7 @@ INPUTS = {
     for axis in "xyz"
 }
 MOTION = ("speed", "since_move", "since_start", "moves")
-"""Coordinates that tell how a table moved."""
+"""Coordinates of how a table moved."""
 OF_SENSOR = (
     "input",
     "transverse",
@@ -38,8 +38,10 @@ the first stamp; ``warming``: dT/dt;
 ``speed``: magnitude of the rate of turn; ``braking``: minus its change per second; ``since_move``,
 ``since_start``: time since the last move ended, began; ``moves``: how many there were.
 """
-WAY = "way_"
-"""Begins the name of a factor: which way a table axis last went, -1 or 1, ``way_<axis>``."""
+LAST_DIRECTION = "way_"
+"""Begins the name of a factor: direction in which a table axis last moved, -1 or 1,
+``way_<axis>``.
+"""
 TURN_RATE = "turn_rate_"
 """Begins the name of a coordinate or factor: rate of a table axis, rad/s, ``turn_rate_<axis>``."""
 BEGUN = 0.5 * DEG  # of a turn after which that is known, rad
@@ -51,14 +53,15 @@ def coordinate_of(
 ) -> Array:
     """A coordinate along what a sensor senses, (n,).
 
-    A late rate of warming is that of the late temperature: both begin with sensor and thermometer
-    of one temperature.
+    A lagged temperature rate is that of the lagged temperature: both begin with sensor and
+    thermometer of one temperature.
 
     Args:
-        name: of the coordinate; sense: what the sensor senses.
+        name: of the coordinate.
+        sense: what the sensor senses.
         own: the channel's true input, SI, (n,).
-        lag: s, by which the coordinate is lagged.
-        travel: width of a play that it moves, SI: its state, in [-1, 1], is felt instead; 0: none.
+        lag: s, time constant by which the coordinate is lagged.
+        travel: width of a play that it moves, SI: its state, in [-1, 1], replaces it; 0: none.
     """
     if name == "warming":
         return coordinate_rate(sense.time, sense.temperature, lag)
@@ -81,8 +84,8 @@ def sensed(name: str, sense: Sense, own: Array) -> Array:
     """A coordinate of now along what a sensor senses, (n,); ``own``: the channel's true input."""
     if (own_axis := axis_of(name)) is not None:
         return sense.angles[own_axis]
-    if name.startswith(WAY):
-        return play(sense.angles[name.removeprefix(WAY)], BEGUN)
+    if name.startswith(LAST_DIRECTION):
+        return play(sense.angles[name.removeprefix(LAST_DIRECTION)], BEGUN)
     if name.startswith(TURN_RATE):
         return sense.turn_rates[name.removeprefix(TURN_RATE)]
     if name in INPUTS:
@@ -117,19 +120,20 @@ def _braking(rate: Array, acceleration: Array) -> Array:
 
 def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
     """A coordinate of the table's motion along a drive with its time derivatives, (n,): an angle,
-    its rate, which way it last went, time, or one of MOTION.
+    its rate, its last direction, time, or one of MOTION.
 
     Counts and directions jump while the table moves; their derivatives are left out.
 
     Args:
-        name: of the coordinate; drive: along which.
+        name: of the coordinate.
+        drive: along which.
         travel: width of a play that an angle moves, rad: its state is felt instead; 0: none.
     """
     if (axis := axis_of(name)) is not None:
         angle = drive.axes[axis]
         return crossed(angle, travel) if travel else angle
-    if name.startswith(WAY):
-        return crossed(drive.axes[name.removeprefix(WAY)], BEGUN)
+    if name.startswith(LAST_DIRECTION):
+        return crossed(drive.axes[name.removeprefix(LAST_DIRECTION)], BEGUN)
     one = np.ones_like(drive.time)
     if name.startswith(TURN_RATE):
         turning = drive.axes[name.removeprefix(TURN_RATE)]
@@ -149,7 +153,8 @@ def force_jet(name: str, drive: Drive, force: Array, travel: float = 0.0) -> Jet
     """A component of a force along a drive with its time derivatives, (n,).
 
     Args:
-        name: ``force_x``, ...; drive: along which.
+        name: ``force_x``, ...
+        drive: along which.
         force: m/s2, (n, 3).
         travel: as in ``motion_jet``, m/s2.
     """
@@ -167,11 +172,11 @@ def _speed(drive: Drive) -> Jet:
     return Jet(speed, -_braking(rates, changes), np.zeros_like(speed))
 
 
-def late_jet(each: Jet, time: Array, lag: float) -> Jet:
+def lagged_jet(each: Jet, time: Array, lag: float) -> Jet:
     """Columns that are lagged by a time constant ``lag``, s, with their time derivatives, (n,
     p).
     """
     columns, slopes = np.asarray(each.x), np.asarray(each.v)
-    late = np.column_stack([first_order_lag(time, u, lag) for u in columns.T])
-    rise = (columns - late) / lag
-    return Jet(late, rise, (slopes - rise) / lag)
+    lagged = np.column_stack([first_order_lag(time, u, lag) for u in columns.T])
+    rise = (columns - lagged) / lag
+    return Jet(lagged, rise, (slopes - rise) / lag)

@@ -27,7 +27,9 @@ def _met(effect: Effect, recording: str) -> Effect | None:
 
 
 def same_recording(one: str, other: str) -> bool:
-    """Whether two fingerprints are of one recording; without readings it is told by its stamps."""
+    """Whether two fingerprints are of one recording; without readings it is identified by its
+    stamps.
+    """
     stamps, _, readings = one.partition("-")
     others, _, read = other.partition("-")
     return stamps == others and (not readings or not read or readings == read)

@@ -1,4 +1,4 @@
-"""Effects with memory, in one module: play, direction of the last motion, stops."""
+"""Effects with memory: play, direction of the last motion, stops."""
 
 from functools import lru_cache
 
@@ -65,13 +65,12 @@ def _held(sign: Array) -> Array:
 
 LAGS = (0.0, 8.0, 16.0, 30.0, 60.0)  # s, of a temperature
 ARRIVED = 1e-9  # of half a play: nearer to a side than this it is pushed
-RINGS = 0.05  # of the largest rate of a motion: what a local polynomial makes of its ends
+RINGING = 0.05  # of the largest rate of a motion: what a local polynomial makes of its ends
 
 
 def motion_direction(angle: Jet) -> Array:
-    """Sign of the last motion of an axis at each sample, (n,): from its rate, which is zero at rest
-    where a readout is noisy;
-    from its steps when only poses are known."""
+    """Sign of the last motion of an axis at each sample, (n,): from its rate, which is zero at
+    standstill where a readout is noisy; from its steps when only poses are known."""
     rate = np.broadcast_to(angle.v, np.shape(angle.x))
     if not rate.any():
         return last_direction(np.asarray(angle.x))
@@ -79,13 +78,13 @@ def motion_direction(angle: Jet) -> Array:
     # of each motion by itself: a readout differentiated rings where a fast one stops
     limit = np.zeros_like(rate)
     for start, end in zip(edges[::2], edges[1::2], strict=True):
-        limit[start:end] = RINGS * np.abs(rate[start:end]).max()
+        limit[start:end] = RINGING * np.abs(rate[start:end]).max()
     limit = np.maximum(limit, 1e-4 * np.abs(rate).max())
     sign = np.sign(rate)
-    # where each way begins: a soft start is part of it, however slow
-    ways = np.flatnonzero(np.diff(sign, prepend=2.0))
-    lengths = np.diff(ways, append=len(rate))
-    fastest = np.repeat(np.maximum.reduceat(np.abs(rate), ways), lengths)
+    # where each direction begins: a soft start is part of it, however slow
+    runs = np.flatnonzero(np.diff(sign, prepend=2.0))
+    lengths = np.diff(runs, append=len(rate))
+    fastest = np.repeat(np.maximum.reduceat(np.abs(rate), runs), lengths)
     return _held(np.where(fastest > limit, sign, 0.0))
 
 
@@ -105,7 +104,7 @@ def crossed(angle: Jet, travel: float) -> Jet:
 
 
 def onset(elapsed: Array, time: float, creep: float) -> Array:
-    """A step at ``time``, or, with a time constant ``creep`` (s), what sets in there and goes on to
+    """A step at ``time``, or, with a time constant ``creep`` (s), what sets in there and tends to
     one, (n,).
     """
     since = np.maximum(elapsed - time, 0.0)
@@ -113,8 +112,8 @@ def onset(elapsed: Array, time: float, creep: float) -> Array:
 
 
 def first_order_lag(time: Array, u: Array, tau: float) -> Array:
-    """Output of 1/(1 + tau s) for an input that is linear between samples, starting settled. time,
-    u: (n,).
+    """Output of 1/(1 + tau s) for an input that is linear between samples, starting in equilibrium.
+    time, u: (n,).
 
     Exact for irregular stamps.
     """
@@ -125,8 +124,8 @@ def first_order_lag(time: Array, u: Array, tau: float) -> Array:
 
 @lru_cache(maxsize=24)
 def _lagged(times: bytes, values: bytes, tau: float) -> Array:
-    """``first_order_lag`` of the contents of arrays: many curves follow one late coordinate; not to
-    be written to.
+    """``first_order_lag`` of the contents of arrays: many curves follow one lagged coordinate; not
+    to be written to.
     """
     time, u = np.frombuffer(times), np.frombuffer(values)
     dt = np.diff(time)
@@ -134,14 +133,14 @@ def _lagged(times: bytes, values: bytes, tau: float) -> Array:
     slope = np.diff(u) / dt
     # y1 = decay y0 + (u1 - slope tau) - decay (u0 - slope tau)
     drive = np.concatenate([u[:1], (u[1:] - slope * tau) - decay * (u[:-1] - slope * tau)])
-    late = recursion(decay, drive)
-    late.flags.writeable = False
-    return late
+    lagged = recursion(decay, drive)
+    lagged.flags.writeable = False
+    return lagged
 
 
 def smooth_lag(time: Array, u: Array, tau: float) -> Array:
-    """Output of 1/(1 + tau s) for an input that is smooth between samples, starting settled. time,
-    u: (n,).
+    """Output of 1/(1 + tau s) for an input that is smooth between samples, starting in equilibrium.
+    time, u: (n,).
 
     On each interval of the cubic spline through the samples y = p + (y0 - p0) exp(-t / tau), where
     p is u less tau times its slope and so on to the third derivative. A lag much shorter than the
@@ -208,7 +207,8 @@ class SteadyRecursion:
     """``steady_recursion`` of n samples piece by piece, to the bit; not with blocks below 8.
 
     Args:
-        decay: in (0, 1); n: samples of all pieces.
+        decay: in (0, 1).
+        n: samples of all pieces.
     """
 
     def __init__(self, decay: float, n: int) -> None:

@@ -2,9 +2,9 @@
 named effect would.
 
 ``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines
-through (knot, value), held constant outside their knots: a drift is not extrapolated beyond the
-recording it was seen in. A law of temperature goes on, a spline by its mean slope; through three
-knots it is a parabola. With a period a spline starts again after it: a saw. A ``power`` of the
+through (knot, value), clamped outside their knots: a drift is not extrapolated beyond the recording
+it was seen in. A curve over temperature is extrapolated, a spline by its mean slope; through three
+knots it is a parabola. With a period a spline begins again after it: a saw. A ``power`` of the
 coordinate is the form with one number. With ``instants`` it is a transient from each of them.
 """
 
@@ -22,7 +22,7 @@ from tiltcal.effects.curve_coordinates import (
     coordinate_of,
     coordinate_rate,
     force_jet,
-    late_jet,
+    lagged_jet,
     motion_jet,
 )
 from tiltcal.effects.curve_products import ORDERS, multiplier, products
@@ -35,7 +35,9 @@ from tiltcal.setup.trajectory import Drive, Jet
 
 Force = Callable[[], Array]
 CONTINUED = ("temperature",)
-"""Coordinates beyond whose range a spline goes on: the next recording has other temperatures."""
+"""Coordinates beyond whose range a spline extrapolates: the next recording has other
+temperatures.
+"""
 PARABOLA = 3  # knots over one of them that make a parabola
 
 
@@ -47,24 +49,26 @@ class Learned(Effect):
         coordinate: one of COORDINATES, or a table angle or its rate; rad, SI, s from the first
             stamp, K from T0.
         knots: of a spline, increasing; empty for harmonics.
-        period: of the first harmonic, 0 for a turn; of a spline that starts again at its first
+        period: of the first harmonic, 0 for a turn; of a spline that begins again at its first
             knot, 0 for none.
         beside: another table angle: products of the harmonics of both, up to the third of each.
-        lag: time constant, s, by which the coordinate is lagged; of a table angle, of a square
-            or cube, and of a readout or a frame that follows the table's motion, the curve is late.
-        relaxing: with such a late curve, whether what is left of it is felt: the late curve less
+        lag: time constant, s, by which the coordinate is lagged; of a table angle, of a square or
+            cube, and of a readout or a frame that follows the table's motion, the curve is lagged.
+        relaxing: with such a lagged curve, whether only its remainder acts: the lagged curve less
             that of now.
         play: width of a play, SI, whose state, in [-1, 1], the curve follows; 0 for none.
-        power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
+        power: c0 |u|^power instead of a spline or harmonics; 0 for none.
+        odd: with the sign of u.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
             alone.
         times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, ``speed``
             or the rate of an axis, rad/s, an angle, rad, ``way_<axis>``, or an input of a reading.
         instants: s from the first stamp, of transients over time: each rises evenly to its
             coefficient within ``rise``, s, before it, and falls with the time constant ``fall``, s.
-        slot: of the frame that it tilts; turn: coordinate axis it tilts about.
-        place: stage of the chain it is blamed on.
-        holds: whether it holds its last value beyond its knots, over temperature as well.
+        slot: of the frame that it tilts.
+        turn: coordinate axis it tilts about.
+        place: stage of the chain it is attributed to.
+        holds: whether it is clamped to its last value beyond its knots, over temperature as well.
     """
 
     id: ClassVar[str] = "learned"
@@ -99,8 +103,8 @@ class Learned(Effect):
         return fixed or 1 + max((int(name[1:]) for name in self.values), default=0)
 
     @property
-    def goes_on(self) -> bool:
-        """Whether it goes on beyond its knots."""
+    def extrapolates(self) -> bool:
+        """Whether it extrapolates beyond its knots."""
         return bool(self.knots) and self.coordinate in CONTINUED and not self.holds
 
     @property
@@ -110,7 +114,7 @@ class Learned(Effect):
 
     @property
     def is_saw(self) -> bool:
-        """Whether it is a ramp that starts again after its period."""
+        """Whether it is a ramp that begins again after its period."""
         return len(self.knots) == 2 and self.period > 0
 
     @property
@@ -145,7 +149,7 @@ class Learned(Effect):
 
     def _spline(self, u: Array, order: int, weights: Array) -> Array:
         parabola = self.coordinate in CONTINUED and len(self.knots) == PARABOLA
-        form = {"parabola": parabola, "holds": not self.goes_on}
+        form = {"parabola": parabola, "holds": not self.extrapolates}
         return spline_of(u, order, self.knots, self.period, weights, **form)
 
     def each(self, u: Jet) -> Jet:
@@ -192,8 +196,8 @@ class Learned(Effect):
             else:
                 u = motion_jet(self.coordinate, drive, self.play)
             each = self.each(u)
-            late = late_jet(each, drive.time, self.lag) if self.lag else each
-            return late - each if self.relaxing else late
+            lagged = lagged_jet(each, drive.time, self.lag) if self.lag else each
+            return lagged - each if self.relaxing else lagged
         warm = first_order_lag(
             drive.time, drive.temperature - drive.reference_temperature, self.lag
         )
@@ -214,7 +218,7 @@ class LearnedReading(Learned, SignalEffect):
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         channel = self.channel(sense)
-        if self.beside or self._late_curve:
+        if self.beside or self._lagged_curve:
             reading[:, channel] += self.columns(sense) @ self.coefficients
         else:
             own = sense.true_input()[:, channel]
@@ -224,13 +228,13 @@ class LearnedReading(Learned, SignalEffect):
         return reading
 
     def followed(self, sense: Sense, own: Array) -> Array:
-        """The coordinate as it is felt, (n,); ``own``: the channel's true input."""
-        lag = 0.0 if self._late_curve else self.lag
+        """The coordinate as the sensor follows it, (n,); ``own``: the channel's true input."""
+        lag = 0.0 if self._lagged_curve else self.lag
         return coordinate_of(self.coordinate, sense, own, lag, self.play)
 
     @property
-    def _late_curve(self) -> bool:
-        """Whether the curve is late and not what it follows: an angle goes on, power warms."""
+    def _lagged_curve(self) -> bool:
+        """Whether the curve is lagged and not what it follows: an angle passes on, power warms."""
         return self.lag > 0 and (axis_of(self.coordinate) is not None or self.power > 1)
 
     def channel(self, sense: Sense) -> int:
@@ -257,9 +261,9 @@ class LearnedReading(Learned, SignalEffect):
             axes = (axis_of(self.coordinate), axis_of(self.beside))
             return np.asarray(products(*(Jet(sense.angles[str(axis)]) for axis in axes)).x)
         basis = self.basis(self.followed(sense, own))
-        if self._late_curve:
-            late = [first_order_lag(sense.elapsed, each, self.lag) for each in basis.T]
-            basis = np.column_stack(late)
+        if self._lagged_curve:
+            lagged = [first_order_lag(sense.elapsed, each, self.lag) for each in basis.T]
+            basis = np.column_stack(lagged)
         if self.times:
             basis = basis * coordinate_of(self.times, sense, own)[:, None]
         return basis

@@ -5,7 +5,7 @@ from typing import Any
 
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.frames import AXES
-from tiltcal.effects.curve_coordinates import COORDINATES, INPUTS, MOTION, TURN_RATE, WAY
+from tiltcal.effects.curve_coordinates import COORDINATES, INPUTS, LAST_DIRECTION, MOTION, TURN_RATE
 from tiltcal.effects.learned import (
     Learned,
     LearnedDelay,
@@ -21,8 +21,8 @@ from tiltcal.effects.learned_keys import (
     check_power,
     check_relaxing,
     instants_of,
+    label_of,
     numbers_of,
-    word_of,
 )
 from tiltcal.effects.parameter import STAGES
 from tiltcal.setup.setup import Setup
@@ -34,12 +34,12 @@ KINDS: dict[str, type[Learned]] = {
     "tilt": LearnedTilt,
     "stamps": LearnedDelay,
 }
-FELT_BY = {
+SENSED_BY = {
     "turned": (("gyro", "fog"), "a gyro or a FOG, whose rate is summed up to an angle"),
     "transverse": (("fog",), "a FOG, which has an axis of its own"),
     "coning": (("fog",), "a FOG, which has an axis of its own; of a gyro coning_x, _y or _z"),
 }
-"""The kinds of sensors that a coordinate is for, and what the error says."""
+"""The kinds of sensors that a coordinate is for, and the text of the error."""
 
 
 def make_learned(
@@ -55,14 +55,14 @@ def make_learned(
     ``coordinate``, ``knots``, ``coefficients``.
 
     Raises:
-        TiltcalError: a key or a word is wrong.
+        TiltcalError: a key or its value is wrong.
     """
     subject = f"{subject} learned"
     check_keys(table, subject)
-    on = word_of(table, "on", "reading", KINDS, subject)
+    on = label_of(table, "on", "reading", KINDS, subject)
     coordinates = (*_angles(), *_turn_rates(setup), *COORDINATES)
-    coordinate = word_of(table, "coordinate", "", coordinates, subject)
-    place = word_of(table, "place", "sensor", STAGES, subject)
+    coordinate = label_of(table, "coordinate", "", coordinates, subject)
+    place = label_of(table, "place", "sensor", STAGES, subject)
     knots, numbers = (
         numbers_of(table.get(key, ()), f"{subject}, key {key}") for key in ("knots", "coefficients")
     )
@@ -85,7 +85,7 @@ def make_learned(
         slot=slot,
         turn=turn,
         place=place,
-        beside=_beside(table, setup, subject),
+        beside=_second_angle(table, setup, subject),
         times=_times(table, setup, subject),
         instants=instants,
         **whether,
@@ -101,11 +101,11 @@ def _turn_rates(setup: Setup) -> list[str]:
     return [f"{TURN_RATE}{axis}" for axis in setup.rig.kind.turning]
 
 
-def _beside(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
+def _second_angle(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
     """The second angle of a product; empty where there is none."""
     if "beside" not in table:
         return ""
-    beside = word_of(table, "beside", "", _angles(), subject)
+    beside = label_of(table, "beside", "", _angles(), subject)
     if axis_of(beside) not in setup.rig.axis_names or axis_of(str(table.get("coordinate"))) is None:
         raise TiltcalError(
             f"{subject}, key beside",
@@ -117,8 +117,8 @@ def _beside(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
 
 
 def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
-    """What a curve is multiplied by; empty where that is nothing. What a sensor feels, no frame
-    does.
+    """What a curve is multiplied by; empty where that is nothing. A frame
+    follows no quantity that only a sensor senses.
     """
     if table.get("times") and table.get("beside"):
         raise TiltcalError(
@@ -128,15 +128,24 @@ def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
             do="leave one out",
         )
     angles = [angle_channel(axis) for axis in setup.rig.axis_names]
-    ways = [f"{WAY}{axis}" for axis in setup.rig.kind.turning]
-    felt = INPUTS if table.get("on", "reading") == "reading" else ()
-    factors = ("", "temperature", "time", "speed", *angles, *ways, *_turn_rates(setup), *felt)
-    return word_of(table, "times", "", factors, subject)
+    last = [f"{LAST_DIRECTION}{axis}" for axis in setup.rig.kind.turning]
+    sensed = INPUTS if table.get("on", "reading") == "reading" else ()
+    factors = (
+        "",
+        "temperature",
+        "time",
+        "speed",
+        *angles,
+        *last,
+        *_turn_rates(setup),
+        *sensed,
+    )
+    return label_of(table, "times", "", factors, subject)
 
 
 def _require_kind(coordinate: str, setup: Setup, sensor: str, subject: str) -> None:
-    """Refuse a coordinate on a sensor that does not feel it."""
-    kinds, need = FELT_BY[coordinate]
+    """Refuse a coordinate on a sensor that does not sense it."""
+    kinds, need = SENSED_BY[coordinate]
     if setup.named(sensor).kind not in kinds:
         raise TiltcalError(
             subject,
@@ -156,7 +165,7 @@ def _where(
     subject: str,
 ) -> tuple[str, str]:
     """Slot and turn of a tilt, both empty for the others, once coordinate and axis are known to fit
-    the place.
+    the stage.
     """
     axis_named = axis_of(coordinate)
     of_frames = ["time", "temperature", "warming", *_turn_rates(setup), *MOTION]
@@ -185,19 +194,19 @@ def _where(
             need="an axis of this table",
             do="correct it",
         )
-    if coordinate in FELT_BY:
+    if coordinate in SENSED_BY:
         _require_kind(coordinate, setup, str(sensor), subject)
     axes = setup.named(str(sensor)).axes if on == "reading" else setup.rig.axis_names
     if on != "tilt":
         one_of(str(axis), axes, subject, "axis")
         return "", ""
-    slot = word_of(table, "slot", "", setup.rig.kind.slots, subject)
-    return slot, word_of(table, "turn", "", AXES, subject)
+    slot = label_of(table, "slot", "", setup.rig.kind.slots, subject)
+    return slot, label_of(table, "turn", "", AXES, subject)
 
 
 def learned_table(effect: Learned) -> dict[str, Any]:
     """A learned effect as the table of a scenario file: the inverse of ``make_learned``."""
-    on = next(word for word, cls in KINDS.items() if isinstance(effect, cls))
+    on = next(label for label, cls in KINDS.items() if isinstance(effect, cls))
     table: dict[str, Any] = {
         "id": "learned",
         "on": on,

@@ -1,4 +1,4 @@
-"""Keys of the table of a learned effect: what they may hold."""
+"""Keys of the table of a learned effect: their valid values."""
 
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
@@ -125,7 +125,7 @@ def amount_of(table: Mapping[str, Any], key: str, subject: str) -> float:
 
 
 def check_relaxing(relaxing: bool, on: str, coordinate: str, lag: float, subject: str) -> None:
-    """Only a late curve of a tilt or a readout leaves something.
+    """Only a lagged curve of a tilt or a readout leaves something.
 
     Raises:
         TiltcalError: it cannot.
@@ -139,10 +139,10 @@ def check_relaxing(relaxing: bool, on: str, coordinate: str, lag: float, subject
         )
 
 
-def word_of(
+def label_of(
     table: Mapping[str, Any], key: str, default: str, valid: Collection[str], subject: str
 ) -> str:
-    """The word of a key, which is a valid one.
+    """The value of a key, which is a valid label.
 
     Raises:
         TiltcalError: it is not.

@@ -91,7 +91,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class Friction:
-    """Dry friction of a table axis: its servo lets it rest ``short`` (rad) of the command. Runs by
+    """Dry friction of a table axis: its servo lets it stop ``short`` (rad) of the command. Runs by
     time steps only.
     """
 
@@ -217,7 +217,7 @@ class Context:
     rng: np.random.Generator | None = None
 
     def gravity_in_body(self) -> Array:
-        """The specific force of an instrument that rests at each instant's pose, in its body, m/s2,
+        """The specific force of an instrument at rest in each instant's pose, in its body, m/s2,
         (n, 3).
         """
         up = up_in_body(self.rig.kind.moving, self.rig.kind.chain, self.axes, self.drive)

@@ -46,11 +46,11 @@ class Parameter:
         positive: whether only values >= 0 make sense (a width, a time constant, a standard
             deviation).
         default: SI value when a scenario leaves it out.
-        shape: whether it says when, how fast or how wide and not how much; so does everything with
-            a default.
+        shape: whether it states when, how fast or how wide and not how much; so does everything
+            with a default.
         whole: whether it counts what comes in ones.
         bounded: whether a shape beyond those that the effect offers for a recording would make
-            another law of it.
+            another functional form of it.
         tables: names of the tables that have it; empty: any.
     """
 
@@ -99,7 +99,7 @@ class PerTable:
     """Parameters whose names follow from the axes of a table: those of all tables together.
 
     Args:
-        names: bare names on one table.
+        names: parameter names on one table.
         unit, plausible: as of a Parameter.
         order: names that come first, in this order.
     """
@@ -128,5 +128,5 @@ def _on_all_tables(each: PerTable, names: tuple[str, ...]) -> tuple[Parameter, .
 
 @lru_cache(maxsize=512)
 def by_name(parameters: tuple[Parameter, ...]) -> Mapping[str, Parameter]:
-    """The parameter of each bare name on any sensor."""
+    """The parameter of each name on any sensor."""
     return {name: p for p in parameters for name in p.expand(tuple("xyza"))}

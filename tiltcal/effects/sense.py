@@ -18,18 +18,22 @@ class Sense:
     """What a sensor senses, and what its channels are.
 
     Args:
-        time: s, (n,); elapsed: since the first stamp.
+        time: s, (n,).
+        elapsed: since the first stamp.
         force: specific force, body frame, m/s2, (n, 3).
         rate: angular rate against inertial space, body frame, rad/s, (n, 3).
         up, north: the world's up and table North in the body frame, (n, 3).
         angular_acceleration: rad/s2, (n, 3).
         temperature: minus T0, K, (n,).
         axes: body axis of each channel, (k,).
-        kind: of the sensor; input_vector: of a FOG, (3,).
-        gravity: stated, m/s2; rate_hz: nominal sample rate; full_scale: SI, or None.
-        angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1
-            while moving, (n,).
-        rests: says when each standstill began and ended; None: with the first and the last row of
+        kind: of the sensor.
+        input_vector: of a FOG, (3,).
+        gravity: stated, m/s2.
+        rate_hz: nominal sample rate.
+        full_scale: SI, or None.
+        angles: readout of each table axis, rad, (n,).
+        stop: number of the stop of each row, -1 while moving, (n,).
+        standstills: when each standstill began and ended; None: with the first and the last row of
             a stop.
         turn_rates: of each table axis, rad/s, (n,).
     """
@@ -85,8 +89,8 @@ class Sense:
 
     @classmethod
     def at_rest(cls, sensor: Sensor, gravity: float, force: Array) -> "Sense":
-        """What a sensor senses at rest at T0 under given specific forces, (m, 3), one row a pose,
-        ages apart.
+        """What a sensor senses at standstill at T0 under given specific forces, (m, 3), one row a
+        pose, ages apart.
         """
         still, zero = np.zeros(len(force)), np.zeros_like(force)
         ages = 1e9 * np.arange(len(force), dtype=float)

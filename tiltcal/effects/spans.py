@@ -30,9 +30,13 @@ class SpectralLines:
     """Lines that stand out of a residual.
 
     Args:
-        tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, again after each move;
-            late: Hz, in the delay of stamps; base_tilts: Hz, of the base; scales: Hz, in scale
-            factors; ripples: a turn of an axis.
+        tones: Hz, in the readings.
+        shakes: Hz, in the world.
+        echoes: Hz, restarted by each move.
+        late: Hz, in the delay of stamps.
+        base_tilts: Hz, of the base.
+        scales: Hz, in scale factors.
+        ripples: a turn of an axis.
         waves: over the input of a channel, temperature or a table angle.
     """
 
@@ -45,7 +49,7 @@ class SpectralLines:
     ripples: tuple[int, ...] = ()
     waves: tuple[Wave, ...] = ()
 
-    def beside(self, known: "SpectralLines", width: float) -> "SpectralLines":
+    def without(self, known: "SpectralLines", width: float) -> "SpectralLines":
         """Those lines, but for echoes, that are not among the known ones; width: Hz, of a line in
         time.
         """
@@ -72,7 +76,8 @@ class CoordinateRanges:
     """What recordings span.
 
     Args:
-        duration: s; rate_hz: samples a second.
+        duration: s.
+        rate_hz: samples a second.
         lines: that stand out of the residual.
         ranges: least and largest value of each coordinate, SI; that of a sensor's own input under
             ``<sensor>_input``.

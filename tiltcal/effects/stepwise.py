@@ -35,7 +35,7 @@ class Stepping:
 
 
 class StepEffect(Protocol):
-    """An effect that goes on from step to step."""
+    """An effect that continues from step to step."""
 
     def restart(self, rows: Rows) -> None:
         """These environments begin a new recording."""
@@ -44,7 +44,7 @@ class StepEffect(Protocol):
         """The reading of these environments after the effect, (n, k), SI."""
 
 
-Law = Callable[[Array, Sense, np.random.Generator | None], Array]
+Apply = Callable[[Array, Sense, np.random.Generator | None], Array]
 
 
 @dataclass(frozen=True)
@@ -52,25 +52,26 @@ class Memoryless:
     """An effect that acts on each row by itself.
 
     Args:
-        law: ``SignalEffect.apply``.
-        stream: handed to the functional form; None for an effect that is not random.
+        apply: ``SignalEffect.apply``.
+        stream: handed to it; None for an effect that is not random.
     """
 
-    law: Law
+    apply: Apply
     stream: np.random.Generator | None = None
 
     def restart(self, rows: Rows) -> None:
         """Nothing is remembered."""
 
     def __call__(self, reading: Array, sense: Sense, rows: Rows) -> Array:
-        return self.law(reading, sense, self.stream)
+        return self.apply(reading, sense, self.stream)
 
 
 class DrawnAhead:
     """Random numbers drawn ahead from a stream for each channel, in the stream's own order.
 
     Args:
-        streams: of each channel of each row; shape: of one draw, (rows, channels, numbers).
+        streams: of each channel of each row.
+        shape: of one draw, (rows, channels, numbers).
         draw: a method of the streams that takes ``out``.
     """
 
@@ -132,7 +133,8 @@ class SteppedLag:
     samples.
 
     Args:
-        tau, step: s; shape: of the reading, (environments, channels).
+        tau, step: s.
+        shape: of the reading, (environments, channels).
     """
 
     def __init__(self, tau: float, step: float, shape: tuple[int, int]) -> None:
@@ -181,10 +183,11 @@ def lag_weights(tau: float, step: float) -> Array:
 
 
 class SteppedHold:
-    """Repeats the sample before, where ``repeats`` is stated.
+    """Repeats the sample before, where ``repeats`` is set.
 
     Args:
-        repeats: (sense, rows) -> which rows repeat, (n,); channels: that it acts on.
+        repeats: (sense, rows) -> which rows repeat, (n,).
+        channels: that it acts on.
     """
 
     def __init__(

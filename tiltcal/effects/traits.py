@@ -1,5 +1,5 @@
-"""What is known of an effect next to its equation. Diagnosis, design and simulation ask for it here
-and never for the id, so that an effect of another package is treated like any other.
+"""Properties of an effect in addition to its equation. Diagnosis, design and simulation ask for it
+here and never for the id, so that an effect of another package is treated like any other.
 """
 
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ class Family:
 
 
 class Traits:
-    """What an effect states of itself; each default is what holds for most effects."""
+    """Properties of an effect; each default is that of most effects."""
 
     # What it is to an instrument
     calibration_term: ClassVar[str] = ""
@@ -46,16 +46,16 @@ class Traits:
     ordinary: ClassVar[bool] = False
     """Every instrument of its kind, or every table, has it."""
 
-    # Its law
+    # Its functional form
     row_wise: ClassVar[bool] = False
     """What it does to a row of a sequence's recording depends on no other row."""
     rows_apart: ClassVar[bool] = False
     """It takes more from a whole course, but can act where rows have their own motion alone."""
-    same_law_as: ClassVar[str] = ""
+    same_form_as: ClassVar[str] = ""
     """Id of an effect with the same readings under all circumstances, which stands for both."""
     form: ClassVar[Literal["law", "any", "unknown"]] = "law"
-    """Whether the name implies a functional form, holds for a curve of any form, or stands for
-    curves only.
+    """Whether the name implies a functional form, is valid for any curve, or stands for curves
+    only.
     """
     family: ClassVar[Family] = Family()
     superposes: ClassVar[bool] = False
@@ -63,7 +63,9 @@ class Traits:
     alike_on_axes: ClassVar[bool] = False
     """All axes of the table have it alike: findings on further axes belong to the first."""
     products_of: ClassVar[str] = ""
-    """An input, ``force`` or ``rate``: the name holds for products of two of its components too."""
+    """An input, ``force`` or ``rate``: the name is valid for products of two of its
+    components too.
+    """
     harmonic: ClassVar[int] = 0
     """Order over the angle of its table axis; 0: none."""
     threshold: ClassVar[bool] = False
@@ -88,18 +90,18 @@ class Traits:
     """It acts on an axis that slides as on one that turns."""
     axis_by_gravity: ClassVar[bool] = False
     """It acts on the axis that gravity loads, where none is named."""
-    felt_late: ClassVar[bool] = False
+    lags_thermometer: ClassVar[bool] = False
     """It follows a temperature that lags behind the thermometer's."""
     erased_by_shaking: ClassVar[bool] = False
     """What it remembers is lost when a hand shakes the instrument."""
     frame_convention: ClassVar[tuple[str, ...]] = ()
-    """Sizes that only say how the body's axes are chosen, where no table shows them."""
+    """Sizes that only state how the body's axes are chosen, where no table shows them."""
     leaves_nothing: ClassVar[bool] = False
     """It belongs to one recording: the next one does not meet it, or not in the same phase."""
 
     # What it does to data
     mislabels: ClassVar[bool] = False
-    """A column means something else than its name says."""
+    """A column means something else than its name states."""
     repair: ClassVar[Literal["", "columns", "samples"]] = ""
     """What is put right before anything is fitted: whole columns, or the samples that it spoils."""
     scatters: ClassVar[bool] = False
@@ -107,11 +109,11 @@ class Traits:
 
     # As text
     follows: ClassVar[str] = ""
-    """Coordinate that it follows, where its needs do not say so; ``{innermost}`` stands for the
+    """Coordinate that it follows, where its needs do not state it; ``{innermost}`` stands for the
     innermost table axis.
     """
     distinguished_by: ClassVar[Mapping[str, str]] = {}
-    """What to record to tell it from another id: a kind of block, or a phrase."""
+    """What to record to distinguish it from another id: a kind of block, or a phrase."""
 
     @classmethod
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
@@ -120,7 +122,7 @@ class Traits:
 
     @classmethod
     def shape_odds(cls, shape: Mapping[str, float], span: CoordinateRanges) -> float:
-        """Natural logarithm of the odds of a shape against an unlisted law of that shape, beside
-        the odds of the effect; 0: the shape tells nothing.
+        """Natural logarithm of the odds of a shape against an unlisted form of that shape, in
+        addition to the odds of the effect; 0: the shape is not informative.
         """
         return 0.0

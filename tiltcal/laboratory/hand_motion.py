@@ -2,7 +2,7 @@
 
 Each reading, put through the inverse of its sensor's model, is a reading of the body's rate: one
 component of the gyro triad, or the component along a FOG's axis. Its weight is one over its
-variance. At rest the rate is constant; while moving its smoothness is estimated
+variance. At standstill the rate is constant; while moving its smoothness is estimated
 (``tiltcal.statistics.splines``).
 
 Outliers are readings that stand alone off the course of the motion, where a FOG and the gyro triad
@@ -64,7 +64,8 @@ def without_outliers(
     where a hand stops at once the course is off, and they agree. Without a FOG all are kept.
 
     Args:
-        readings: of one channel; course: None while none is known.
+        readings: of one channel.
+        course: None while none is known.
         disagreeing: of each FOG, see ``apart``, (m,) each.
     """
     if course is None or not disagreeing or len(readings.time) < 2 * AROUND + 1:
@@ -95,7 +96,7 @@ FASTEST = 0.02
 # of the noise of their difference, rms: a larger one is more than smoothing both could save
 AGREEING = 2.0
 SECANT = 10.0  # sigma: the step over which the slope of a sensor's curve is taken
-ENOUGH = 50  # differences that tell noise
+ENOUGH = 50  # differences from which noise is estimated
 
 
 def smoothed_readings(
@@ -104,7 +105,7 @@ def smoothed_readings(
     """What each sensor should have read without its noise, SI, (n, k) at the recording's rows; NaN
     where nothing predicts it.
 
-    Gyro triad and FOGs from the rate that all of them tell, their own readings included; an
+    Gyro triad and FOGs from the rate estimated from all of them, their own readings included; an
     accelerometer triad as by ``predicted_readings``.
 
     Raises:
@@ -123,11 +124,12 @@ def smoothed_readings(
 
 @dataclass(frozen=True)
 class HandMotion:
-    """What the readings of a recording say of its motion, under a model.
+    """The motion of a recording as estimated from its readings under a model.
 
     Args:
         setup, motion, effects: the sensors, their readings and their model.
-        gyro: a triad; fogs: those with readings.
+        gyro: a triad.
+        fogs: those with readings.
         force: specific force in the body, m/s2, NaN where it is not known, (n, 3).
     """
 
@@ -151,7 +153,7 @@ class HandMotion:
 
     def fog_reading(self, fog: Sensor) -> Array:
         """What a FOG should have read, rad/s, (n, 1), whether it was sampled or not."""
-        rate = self.course.at(self.motion.time - self._late(fog, 0))
+        rate = self.course.at(self.motion.time - self._delay(fog, 0))
         return self._forward(fog, rate)
 
     @cached_property
@@ -193,18 +195,18 @@ class HandMotion:
         read = bridged(self.gyro, self.motion)
         return inverted(self.gyro, self.setup, self.motion, self.effects, self.force, read)
 
-    def _late(self, sensor: Sensor, channel: int) -> Array:
-        """By how much a channel's readings are late, s, (n,)."""
+    def _delay(self, sensor: Sensor, channel: int) -> Array:
+        """Delay of a channel's readings, s, (n,)."""
         elapsed = self.motion.time - self.motion.time[0]
         mine = [e for e in self.effects if isinstance(e, DelayEffect) and e.sensor == sensor.name]
-        late = (e.delay(elapsed, channel, None) for e in mine if not e.is_identity)
-        return np.asarray(sum(late, np.zeros_like(elapsed)))
+        delays = (e.delay(elapsed, channel, None) for e in mine if not e.is_identity)
+        return np.asarray(sum(delays, np.zeros_like(elapsed)))
 
     def _gyro_rate(self, course: SmoothCourse) -> Array:
         """The rate when each axis of the triad was read, (m, 3)."""
         samples = self.motion.sensor(self.gyro)
-        late = [self._late(self.gyro, k)[samples.rows] for k in range(3)]
-        return np.column_stack([course.at(samples.time - late[k])[:, k] for k in range(3)])
+        delay = [self._delay(self.gyro, k)[samples.rows] for k in range(3)]
+        return np.column_stack([course.at(samples.time - delay[k])[:, k] for k in range(3)])
 
     def _forward(self, fog: Sensor, rate: Array) -> Array:
         sense = sense_of(fog, self.setup, self.motion, self._known_force, rate)
@@ -224,14 +226,14 @@ class HandMotion:
             weight = slope[:, k] ** 2 / noise[k] ** 2
             weight[np.isnan(samples.values[:, k])] = 0.0
             direction = np.tile(np.eye(3)[k], (len(rate), 1))
-            time = samples.time - self._late(self.gyro, k)[samples.rows]
+            time = samples.time - self._delay(self.gyro, k)[samples.rows]
             yield LinearReadings(time, direction, rate[:, k], weight)
 
     def _fog_readings(self, fog: Sensor, course: SmoothCourse | None) -> LinearReadings:
         """The rate along a FOG's axis: that of a course, and by how much it reads otherwise."""
         samples, axis = self.motion.sensor(fog), fog.input_vector
-        late, stamps = self._late(fog, 0), self.motion.sensor(self.gyro).time
-        time = self.motion.time - late
+        delay, stamps = self._delay(fog, 0), self.motion.sensor(self.gyro).time
+        time = self.motion.time - delay
         if course is None:
             rate = np.column_stack([np.interp(time, stamps, v) for v in self._inverse.T])
         else:
@@ -245,27 +247,28 @@ class HandMotion:
         return LinearReadings(time[at], direction, value[at], slope[at, 0] ** 2 / noise**2)
 
     def _agrees(self, fog: Sensor, gyro: Sequence[LinearReadings]) -> bool:
-        """Whether a FOG and the triad read the same within their noise, at rest and while moving.
+        """Whether a FOG and the triad read the same within their noise, at standstill and while
+        moving.
 
-        Where they do not, the model misses more than noise, and nobody knows of which.
+        Where they do not, the model misses more than noise, and of which sensor is unknown.
         """
         readings, axis = self._fog_readings(fog, None), fog.input_vector
         off, variance = readings.value.copy(), np.zeros(len(readings.time))
-        estimate = readings.weight > 0
+        informative = readings.weight > 0
         for of, share in zip(gyro, axis, strict=True):
             off -= share * np.interp(readings.time, of.time, of.value)
             best = of.weight.max(initial=ARITHMETIC)
-            estimate &= np.interp(readings.time, of.time, of.weight) > best / 4
+            informative &= np.interp(readings.time, of.time, of.weight) > best / 4
             variance += share**2 / best
         variance += 1 / readings.weight.max(initial=ARITHMETIC)
         moving = stops_of(self.motion)[self.motion.sensor(fog).rows] < 0
         variance[moving] *= self._growth(fog) ** 2
-        classes = (estimate & moving, estimate & ~moving)
+        classes = (informative & moving, informative & ~moving)
         ratios = [float(np.median(off[c] ** 2 / variance[c])) for c in classes if c.any()]
         return bool(ratios) and max(ratios) < AGREEING**2 * CHI2_MEDIAN
 
     def _growth(self, fog: Sensor) -> float:
-        """How many times its size at rest the noise has in motion, at least one: by the fourth
+        """Noise in motion over noise at standstill, at least one: by the fourth
         differences of what a FOG and the triad differ by, in which the motion cancels.
         """
         samples, stamps = self.motion.sensor(fog), self.motion.sensor(self.gyro).time
@@ -276,19 +279,19 @@ class HandMotion:
         every = [change[(moves == count) & np.isfinite(change)] for count in (5, 0)]
         if min(len(some) for some in every) < ENOUGH:
             return 1.0
-        turning, standstill = (float(np.median(some)) for some in every)
-        return float(np.sqrt(max(turning / max(standstill, ARITHMETIC**2), 1.0)))
+        turning, still = (float(np.median(some)) for some in every)
+        return float(np.sqrt(max(turning / max(still, ARITHMETIC**2), 1.0)))
 
     def _in_motion(self, readings: LinearReadings, growth: float) -> LinearReadings:
-        """Readings whose noise in motion is so many times that at rest."""
+        """Readings whose noise in motion is so many times that at standstill."""
         stop = stops_of(self.motion)
         rows = np.clip(np.searchsorted(self.motion.time, readings.time), 0, len(stop) - 1)
         times = np.where(stop[rows] < 0, growth, 1.0)
         return replace(readings, weight=readings.weight / times**2)
 
     def _noise(self, sensor: Sensor, channel: int) -> float:
-        """Standard deviation of a sample, rad/s: from its readings at rest, where there are
-        enough.
+        """Standard deviation of a sample, rad/s: from its readings at standstill, where
+        there are enough.
         """
         samples = self.motion.sensor(sensor)
         values = samples.values[:, channel]
@@ -305,7 +308,7 @@ class HandMotion:
 def _slope(read: Callable[[Array], Array], step: Array) -> Array:
     """Smaller of the slopes of a sensor's curve on either side, within 0 and 1, (m, k).
 
-    Beyond the end of its range it is 0: such a reading says nothing of the rate.
+    Beyond the end of its range it is 0: such a reading holds no information on the rate.
     """
     here, above, below = read(0.0 * step), read(step), read(-step)
     return np.clip(np.minimum(above - here, here - below) / step, 0.0, 1.0)

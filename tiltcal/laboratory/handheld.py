@@ -26,8 +26,8 @@ def predicted_readings(
     nothing predicts it.
 
     FOGs from the gyro triad's rate, interpolated to their stamps, and what its smoothing took off
-    as it was read; an accelerometer triad at rest from |f| = g along its own corrected direction.
-    Gyro triads predict themselves.
+    as it was read; an accelerometer triad at standstill from |f| = g along its own corrected
+    direction. Gyro triads predict themselves.
 
     Raises:
         TiltcalError: there is no gyro triad and no accelerometer triad.
@@ -72,15 +72,15 @@ def force_felt(setup: Setup, motion: Recording, effects: Sequence[Effect]) -> Ar
 def earlier(
     rate: Array, time: Array, effects: Sequence[Effect], fog: Sensor, gyro: Sensor
 ) -> Array:
-    """The body's rate when a FOG's reading was taken, (n, 3), from what a gyro triad states of it,
-    each as late as it is.
+    """The body's rate when a FOG's reading was taken, (n, 3), from the rate of a gyro triad,
+    with the delay of each.
     """
-    late = [
+    delays = [
         e
         for e in effects
         if isinstance(e, DelayEffect) and e.sensor in (fog.name, gyro.name) and not e.is_identity
     ]
-    if not late:
+    if not delays:
         return rate
     from scipy.interpolate import CubicSpline
 
@@ -88,7 +88,7 @@ def earlier(
     found = np.empty_like(rate)
     for k, axis in enumerate(gyro.axis_indices):
         shift = np.zeros_like(time)
-        for effect in late:
+        for effect in delays:
             shift += (
                 effect.delay(elapsed, 0, None)
                 if effect.sensor == fog.name
@@ -149,7 +149,7 @@ def sense_of(
     rate: Array,
     rows: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None,
 ) -> Sense:
-    """What a sensor senses by hand. force: m/s2, (n, 3); rate: rad/s, (n, 3); rows: (m,)."""
+    """What a hand-held sensor senses. force: m/s2, (n, 3); rate: rad/s, (n, 3); rows: (m,)."""
     time = motion.time if rows is None else motion.time[rows]
     temperature = motion.temperature()
     warm = np.zeros(len(motion)) if temperature is None else temperature - temperature.mean()
@@ -208,7 +208,7 @@ def at_rest(
         np.nan,
     )
     known = ~np.isnan(full[:, 0])
-    # what is lagged comes out of the move before
+    # a lagged input starts in the move before
     felt = np.where(known[:, None], full, np.nan_to_num(force))
     sense = sense_of(sensor, setup, motion, felt, np.zeros_like(full))
     predicted = forward(sensor, effects, sense)
@@ -235,11 +235,11 @@ def dwell_means(values: Array, stop: Index) -> Array:
     """The mean over the dwell of each row, (n, k); 0 while moving, and in a dwell without
     values.
     """
-    resting = (stop >= 0) & ~np.isnan(values).any(axis=1)
-    count = np.bincount(stop[resting], minlength=int(stop.max(initial=-1)) + 1)
+    still = (stop >= 0) & ~np.isnan(values).any(axis=1)
+    count = np.bincount(stop[still], minlength=int(stop.max(initial=-1)) + 1)
     found = np.zeros_like(values)
     there = stop >= 0
     for k in range(values.shape[1]):
-        means = np.bincount(stop[resting], values[resting, k], len(count)) / np.maximum(count, 1)
+        means = np.bincount(stop[still], values[still, k], len(count)) / np.maximum(count, 1)
         found[there, k] = means[stop[there]]
     return found

@@ -19,11 +19,11 @@ from tiltcal.laboratory.handheld import predicted_readings
 from tiltcal.laboratory.long_recordings import (
     Stamps,
     first_stamps,
-    goes_in_pieces,
     in_pieces,
     piece_stamps,
     require_recordable,
     whole,
+    works_in_pieces,
 )
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.laboratory.sensor_columns import columns_like, sensor_columns
@@ -52,7 +52,7 @@ class Laboratory(Protocol):
         seed: int | None = None,
         by_others: bool = False,
     ) -> Recording:
-        """What the model says ``motion`` should have read: its stamps and readout replayed."""
+        """Prediction of ``motion`` by the model: its stamps and readout replayed."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class SimulatedLaboratory:
         course, stamps = self._sampled(scenario, seed, in_parts=True)
         effects = active_in(scenario.effects, NEW)
         changes = first_stamps(scenario, stamps)
-        if not goes_in_pieces(scenario, stamps):
+        if not works_in_pieces(scenario, stamps):
             require_recordable(scenario)
             yield self._recorded(scenario, course, whole(stamps), effects, seed, changes)
             return
@@ -161,20 +161,19 @@ class SimulatedLaboratory:
         seed: int | None = None,
         by_others: bool = False,
     ) -> Recording:
-        """What the model says ``motion`` should have read.
+        """Prediction of ``motion`` by the model.
 
         Args:
             scenario: the model.
-            motion: its readout, or by hand its readings, is the motion.
+            motion: its readout, or its readings where it is hand-held, is the motion.
             seed: of the noise that is added; None: no noise.
-            by_others: in hand-held recordings, predict each sensor from the others alone.
-                Otherwise its own readings count as well, which leaves less noise but follows its
-                errors.
+            by_others: hand-held, predict each sensor from the others alone. Otherwise its own
+                readings count as well, which leaves less noise but follows its errors.
         """
         effects = active_in(scenario.effects, motion.fingerprint)
         if not scenario.rig.axes:
-            by_hand = predicted_readings if by_others else smoothed_readings
-            values = by_hand(scenario, motion.require_increasing(), effects)
+            hand_held = predicted_readings if by_others else smoothed_readings
+            values = hand_held(scenario, motion.require_increasing(), effects)
         else:
             course = restored(replay(motion, scenario, scenario.climate.reference_degC), effects)
             times = {s.name: motion.time for s in scenario.sensor}
@@ -251,9 +250,9 @@ def restored(course: Replay, effects: Sequence[Effect]) -> Replay:
             angles = {
                 n: effect.restored(n, course.time, angle) for n, angle in course.angles.items()
             }
-            undetermined = [effect.untold(n, course.time, a) for n, a in course.angles.items()]
+            lost = [effect.undetermined(n, course.time, a) for n, a in course.angles.items()]
             course = course.with_angles(angles)
-            for rows in undetermined:
+            for rows in lost:
                 course = course if rows is None else replace(course, known=course.known & ~rows)
     return course
 
@@ -276,7 +275,7 @@ def _metadata(scenario: Scenario, seed: int | None) -> dict[str, str]:
 
 
 def true_readings(setup: Setup, up: Array, effects: Sequence[Effect]) -> dict[str, Array]:
-    """What accelerometers and inclinometers read at rest by their own effects, without noise.
+    """Readings of accelerometers and inclinometers at rest by their own effects, without noise.
 
     Args:
         setup: site, rig, sensors.

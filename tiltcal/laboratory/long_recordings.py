@@ -18,7 +18,8 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.parquet_files import PIECE
 
 CELL = 64  # bytes of working memory for a cell of a recording made in one go, measured
-BESIDE = 3  # columns in addition to those of sensors and table axes: time, temperature, label
+# columns in addition to those of sensors and table axes: time, temperature, label
+OTHER_COLUMNS = 3
 ROW_S, STEP_S = 1e-6, 3e-5  # of computing for a row, and for a time step, measured
 
 
@@ -27,7 +28,9 @@ class Stamps:
     """When a sensor is sampled.
 
     Args:
-        start: s; rate_hz; n: samples.
+        start: s.
+        rate_hz: of the samples.
+        n: samples.
     """
 
     start: float
@@ -65,13 +68,13 @@ def require_recordable(scenario: Scenario, in_one_go: bool = True) -> None:
     start, end = scenario.schedule.times
     rows = [(end - start) * s.rate_hz + 1 for s in scenario.sensor]
     cells = sum(n * len(s.axes) for n, s in zip(rows, scenario.sensor, strict=True))
-    beside = BESIDE + len(scenario.rig.axis_names)
+    others = OTHER_COLUMNS + len(scenario.rig.axis_names)
     total = max(rows, default=0.0) if len({s.rate_hz for s in scenario.sensor}) < 2 else sum(rows)
     steps = (end - start) / scenario.dynamics.timestep_s if scenario.dynamics else 0.0
     require_within(
         f"scenario {scenario.name}",
         rows=total,
-        size=CELL * (cells + total * beside) if in_one_go else 0.0,
+        size=CELL * (cells + total * others) if in_one_go else 0.0,
         seconds=STEP_S * steps + ROW_S * total,
         less="shorten the sequence or lower rate_hz",
     )
@@ -82,7 +85,7 @@ def whole(stamps: dict[str, Stamps]) -> dict[str, Array]:
     return {name: s.part(0, s.n) for name, s in stamps.items()}
 
 
-def goes_in_pieces(scenario: Scenario, stamps: dict[str, Stamps]) -> bool:
+def works_in_pieces(scenario: Scenario, stamps: dict[str, Stamps]) -> bool:
     """Whether a recording is long, and every effect of its scenario acts in pieces."""
     if max(s.n for s in stamps.values()) <= PIECE or scenario.dynamics is not None:
         return False
@@ -100,7 +103,7 @@ def goes_in_pieces(scenario: Scenario, stamps: dict[str, Stamps]) -> bool:
 def in_pieces(
     scenario: Scenario, effects: Sequence[Effect], stamps: dict[str, Stamps], seed: int | None
 ) -> Sequence[Effect]:
-    """The effects, noise as one that goes on from piece to piece."""
+    """The effects, noise as one that continues from piece to piece."""
     if seed is None:
         return effects
     return [
@@ -129,8 +132,8 @@ def piece_stamps(stamps: dict[str, Stamps]) -> Iterator[dict[str, Array]]:
 
 
 def first_stamps(scenario: Scenario, stamps: dict[str, Stamps]) -> Array:
-    """The stamps in addition to the beginnings of the legs of a sequence, s: where mountings and
-    labels change. (m,).
+    """The stamps next to the beginnings of the legs of a sequence, s: where mountings and labels
+    change. (m,).
     """
     starts = [leg.t0 for leg in scenario.schedule.legs]
     found = [

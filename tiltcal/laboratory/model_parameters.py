@@ -26,9 +26,11 @@ class ModelParameter:
     """A number of an effect as an optimiser sees it.
 
     Args:
-        name: the effect's address and its bare name, ``joint_axis_tilt[elbow].tilt_x``.
-        effect: number of the effect in the scenario; key: bare name.
-        value: SI; low, high: between which it is searched.
+        name: the effect's address and its parameter name, ``joint_axis_tilt[elbow].tilt_x``.
+        effect: number of the effect in the scenario.
+        key: parameter name.
+        value: SI.
+        low, high: between which it is searched.
         frozen: known physics, and what gives a shape and no size.
     """
 

@@ -1,6 +1,6 @@
 """A user's own model in a scenario: ``[rig] mjcf``, its axes and the instrument's site, and which
-effects a model of fixed parts can hold: frames that stand elsewhere whatever the motion, and
-joints that give way.
+effects a model of fixed parts can represent: frames with a constant offset, and compliant
+joints.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet
 
 GROUP = "tiltcal.models"
-Reader = Callable[["ModelWords", Path, Sequence[str]], tuple[Chain, Mapping[str, LinkFrame]]]
+Reader = Callable[["ModelReference", Path, Sequence[str]], tuple[Chain, Mapping[str, LinkFrame]]]
 
 
 class ModelAxis(StrictTable):
@@ -33,8 +33,8 @@ class ModelAxis(StrictTable):
     Args:
         joint: its name in the model.
         sign: -1 where the readout counts the other way.
-        offset_deg: angle of a joint that turns, where the readout says zero.
-        offset_mm: place of a joint that slides, where the readout says zero.
+        offset_deg: angle of a joint that turns, where the readout is zero.
+        offset_mm: position of a joint that slides, where the readout is zero.
     """
 
     joint: str
@@ -43,8 +43,8 @@ class ModelAxis(StrictTable):
     offset_mm: float = 0.0
 
 
-class ModelWords(StrictTable):
-    """A model and what of it is recorded.
+class ModelReference(StrictTable):
+    """A model as the scenario states it, and what of it is recorded.
 
     Args:
         mjcf: MJCF or URDF, in the scenario's folder.
@@ -58,15 +58,15 @@ class ModelWords(StrictTable):
 
     @field_validator("axes", mode="before")
     @classmethod
-    def _plain_names(cls, text: Any) -> Any:
-        if not isinstance(text, dict):
-            return text
-        return {k: {"joint": v} if isinstance(v, str) else v for k, v in text.items()}
+    def _plain_names(cls, stated: Any) -> Any:
+        if not isinstance(stated, dict):
+            return stated
+        return {k: {"joint": v} if isinstance(v, str) else v for k, v in stated.items()}
 
 
-def with_links(table: dict[str, Any], text: ModelWords, folder: Path) -> dict[str, Any]:
-    """A scenario's table with the links of its model, and the places of its sensors, instead of the
-    words for them.
+def with_links(table: dict[str, Any], stated: ModelReference, folder: Path) -> dict[str, Any]:
+    """A scenario's table with the links of its model, and the frames of its sensors, instead of the
+    names of them.
 
     Raises:
         TiltcalError: no simulator is installed, or the model cannot be read.
@@ -74,7 +74,7 @@ def with_links(table: dict[str, Any], text: ModelWords, folder: Path) -> dict[st
     readers = [reader for _, reader in load(GROUP)]
     if not readers:
         raise TiltcalError(
-            f"model {text.mjcf}",
+            f"model {stated.mjcf}",
             found="no simulator installed",
             need="the package tiltsim",
             do="install tiltcal with its simulator",
@@ -82,26 +82,26 @@ def with_links(table: dict[str, Any], text: ModelWords, folder: Path) -> dict[st
     reader: Reader = readers[0]
     sensors = [s for s in table.get("sensor", ()) if isinstance(s, dict)]
     sites = [s["site"] for s in sensors if isinstance(s.get("site"), str)]
-    chain, positions = reader(text, folder, sites)
-    rig = {k: v for k, v in table["rig"].items() if k not in ModelWords.model_fields}
-    rig |= {"model": text.mjcf, "site": text.site, **chain.model_dump(exclude_defaults=True)}
-    return {**table, "rig": rig, "sensor": [_placed(s, positions) for s in table.get("sensor", ())]}
+    chain, frames = reader(stated, folder, sites)
+    rig = {k: v for k, v in table["rig"].items() if k not in ModelReference.model_fields}
+    rig |= {"model": stated.mjcf, "site": stated.site, **chain.model_dump(exclude_defaults=True)}
+    return {**table, "rig": rig, "sensor": [_at_site(s, frames) for s in table.get("sensor", ())]}
 
 
-def _placed(sensor: Any, positions: Mapping[str, LinkFrame]) -> Any:
-    """A sensor's table with the place of the site that it names."""
+def _at_site(sensor: Any, frames: Mapping[str, LinkFrame]) -> Any:
+    """A sensor's table with the frame of the site that it names."""
     if not isinstance(sensor, dict) or not isinstance(sensor.get("site"), str):
         return sensor
     others = {k: v for k, v in sensor.items() if k != "site"}
-    return {**others, "place": positions[sensor["site"]].model_dump()}
+    return {**others, "place": frames[sensor["site"]].model_dump()}
 
 
 PROBED = np.array([0.0, 0.7, 2.0, 3.6, 5.3])  # s, rad and K: what is fixed is alike at all of them
 
 
 def why_not(effect: Effect, setup: Setup) -> str | None:
-    """Why a model with fixed parameters, moved by the readout, cannot hold an effect; None where it
-    can.
+    """Why a model with fixed parameters, moved by the readout, cannot represent an effect; None
+    where it can.
     """
     if effect.random:
         return "random"

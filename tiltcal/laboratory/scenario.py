@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.effects import CATALOGUE, Effect, make_effect
-from tiltcal.laboratory.own_model import ModelWords, with_links
+from tiltcal.laboratory.own_model import ModelReference, with_links
 from tiltcal.laboratory.random_instrument import draw_instrument
 from tiltcal.laboratory.scenario_tables import (
     Dynamics,
@@ -151,14 +151,14 @@ def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
     """A scenario's table with the links of its own model, where it names one.
 
     Raises:
-        TiltcalError: the words for the model are wrong, or it cannot be read.
+        TiltcalError: the keys of the model are wrong, or it cannot be read.
     """
     rig = table.get("rig")
     if not isinstance(rig, dict) or "mjcf" not in rig:
         return table
-    known = ModelWords.keys()
+    known = ModelReference.keys()
     try:
-        text = ModelWords.model_validate({k: v for k, v in rig.items() if k in known})
+        model = ModelReference.model_validate({k: v for k, v in rig.items() if k in known})
     except ValidationError as error:
         raise TiltcalError(
             f"scenario {path.name}, rig",
@@ -166,7 +166,7 @@ def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
             need="mjcf, axes and site",
             do="see the guide's page on own models",
         ) from error
-    return with_links(table, text, path.parent)
+    return with_links(table, model, path.parent)
 
 
 def parse_as(kind: type[Kind], table: dict[str, Any], source: str) -> Kind:
@@ -226,7 +226,7 @@ def _problems_of_links(scenario: Scenario) -> list[str]:
 
 
 def _problem(error: Any) -> str:
-    """One pydantic error as text, with its path and the nearest valid key."""
+    """Message of one pydantic error, with its path and the nearest valid key."""
     path = ".".join(str(part + 1) if isinstance(part, int) else str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
         return (

@@ -1,4 +1,4 @@
-"""The tables of a scenario file next to its set-up and sequence."""
+"""The tables of a scenario file other than its set-up and sequence."""
 
 from typing import Annotated, Any, Literal
 
@@ -32,7 +32,7 @@ class SourceTable(BaseModel):
 
     An effect of the catalogue, or gravity, latitude, heading, fog_axis; each parameter with its
     unit is a line of the budget.
-    ``distribution`` says what the size is: a standard uncertainty (normal), a half-width
+    ``distribution`` states what the size is: a standard uncertainty (normal), a half-width
     (rectangular), or U at k = 2 (expanded).
     """
 
@@ -75,7 +75,8 @@ class Accept(StrictTable):
         tilt_arcsec: largest rms tilt error over all directions.
         tilt_over_bound: the same, as a multiple of what the covariance predicts.
         better_by: rms tilt error before calibration over after, at least.
-        quantile: of the runs, for which the limits of the tilt error are judged beside their rms.
+        quantile: of the runs, for which the limits of the tilt error are judged in addition to
+            their rms.
     """
 
     parameters: bool = True
@@ -115,7 +116,7 @@ class AcceptOnline(StrictTable):
 
     Args:
         rms_arcsec, worst_arcsec: over all judged samples.
-        rest_arcsec, moving_arcsec: rms over the samples at rest, in moves and swings.
+        rest_arcsec, moving_arcsec: rms over the samples at standstill, in moves and swings.
         settled_arcsec, settling_s: longest time after a move until the error stays within the band.
         sample_us: mean time a sample.
         answered: least share of samples with an answer.
@@ -135,8 +136,8 @@ class EstimatorTable(StrictTable):
     """One ``[[estimator]]``: an algorithm that runs sample by sample.
 
     Args:
-        name: of its factory: built in, or package.module:factory; command: or a program, fed on its
-            standard input.
+        name: of its factory: built in, or package.module:factory.
+        command: or a program, fed on its standard input.
         calibrate: a method that is run first, on what was recorded before from_s; its result is
             handed to the factory.
         from_s: where feeding and judging begin, s.

@@ -9,7 +9,7 @@ from tiltcal.setup.sensor import Sensor
 
 
 def to_column(sensor: Sensor, values: Array, unit: str, rounded: bool) -> Array:
-    """SI readings, (n, k), in the unit of a column; raw codes are whole numbers."""
+    """SI readings, (n, k), in the unit of a column; raw output values are whole numbers."""
     if sensor.input is not None and unit == sensor.input.unit:
         raw = sensor.input.from_si(values)
         return np.rint(raw) if rounded and unit == "LSB" else raw

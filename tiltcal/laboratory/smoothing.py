@@ -23,10 +23,10 @@ def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None)
 
 
 def independent_readings(sensor: Sensor, motion: Recording, stop: Index) -> Array:
-    """Quiet readings of a triad, of a gyro each told by the other samples, (m, 3): what a sample is
-    compared with, its own noise would explain.
+    """Quiet readings of a triad, of a gyro each predicted by the other samples, (m, 3): the noise
+    of a sample would explain itself.
     """
-    return told_by_others(bridged(sensor, motion), *_smooth(sensor, motion, stop))
+    return leave_one_out(bridged(sensor, motion), *_smooth(sensor, motion, stop))
 
 
 def _smooth(sensor: Sensor, motion: Recording, stop: Index | None) -> tuple[Array, Array]:
@@ -42,20 +42,22 @@ def _smooth(sensor: Sensor, motion: Recording, stop: Index | None) -> tuple[Arra
 # of what is left by the shortest window: a longer one that leaves more has cut into the motion
 LEVEL = 1.03
 DEGREE = 4  # of the local polynomials
-UNTOLD = 1e-12  # of the samples of a window: directions that have no more information stay at zero
+# of the samples of a window: directions that have no more information stay at zero
+MIN_WEIGHT = 1e-12
 AT_ONCE = 2**14  # windows
 HALF_WINDOWS = (3, 4, 5, 6, 8, 10, 12, 15)  # samples
 
 
 def smoothed(time: Array, values: Array, stop: Index) -> tuple[Array, Array]:
     """Rates of a hand-held body without most of their noise, (m, k): local quartics while moving,
-    means at rest; and the weight of each sample in its own value, (m, k).
+    means at standstill; and the weight of each sample in its own value, (m, k).
 
     The window is the longest that leaves no more of any channel than the shorter ones do (their
     residual is noise only).
 
     Args:
-        time: s, increasing, (m,); values: (m, k).
+        time: s, increasing, (m,).
+        values: (m, k).
         stop: number of the dwell of each, -1 while moving, (m,).
     """
     found, weight = values.copy(), np.ones(values.shape)
@@ -78,19 +80,20 @@ def smoothed(time: Array, values: Array, stop: Index) -> tuple[Array, Array]:
     return found, weight
 
 
-def told_by_others(values: Array, smooth: Array, weight: Array) -> Array:
-    """What a smoother states of each sample by all others, (m, k): its noise is not in it.
+def leave_one_out(values: Array, smooth: Array, weight: Array) -> Array:
+    """Prediction of each sample by a smoother of all others, (m, k), free of its own noise.
 
     A regressor with the noise of its own sample would explain that noise (jackknife instrumental
     variables: Angrist, Imbens, Krueger, J. Appl. Econometrics 14, 1999).
 
     Args:
-        values, smooth: as read and smoothed linearly; weight: of each sample in its own value; all
-            (m, k). A sample that nothing else tells (weight 1) stays as it is.
+        values, smooth: as read and smoothed linearly.
+        weight: of each sample in its own value; all (m, k). A sample that nothing else determines
+            (weight 1) stays as it is.
     """
     others = 1 - weight
-    estimate = others > UNTOLD
-    return np.where(estimate, (smooth - weight * values) / np.where(estimate, others, 1.0), smooth)
+    known = others > MIN_WEIGHT
+    return np.where(known, (smooth - weight * values) / np.where(known, others, 1.0), smooth)
 
 
 def _quartics(time: Array, values: Array, half: int) -> tuple[Array, Array]:
@@ -122,8 +125,8 @@ def _at_middles(time: Array, values: Sequence[Array]) -> tuple[Array, Array]:
         power = power * u
     orders = np.arange(DEGREE + 1)
     gram = np.moveaxis(np.array(sums)[orders[:, None] + orders], 2, 0)
-    # next to a long pause what is near tells no curvature
-    gram += UNTOLD * time.shape[1] * np.eye(DEGREE + 1)
+    # next to a long pause the near samples do not determine the curvature
+    gram += MIN_WEIGHT * time.shape[1] * np.eye(DEGREE + 1)
     level = np.zeros((len(u), DEGREE + 1, 1))
     level[:, 0] = 1.0
     weights = np.linalg.solve(gram, level)[:, :, 0]
@@ -147,14 +150,14 @@ def _bridged(time: Array, values: Array) -> Array:
 
 
 TREMOR = 1.0  # s, within which a hand trembles: what is slower is drift
-MOVED = 0.5  # share of a FOG's variance that a triad has to tell
-BY_CHANCE = 1e-6  # that noise makes a triad tell so much
-CORRELATED = 2.0  # samples of filtered noise that say as much as one
+MOVED = 0.5  # share of a FOG's variance that a triad has to explain
+BY_CHANCE = 1e-6  # that noise makes a triad explain so much
+CORRELATED = 2.0  # samples of filtered noise that hold as much information as one
 
 
 def stops_of(motion: Recording) -> Index:
-    """Number of the dwell of each row, -1 while moving, (n,). A hand that trembles does not rest:
-    there a FOG reads more of the motion that a gyro triad reads than of its own noise.
+    """Number of the dwell of each row, -1 while moving, (n,). A hand that trembles does not stand
+    still: there a FOG reads more of the motion that a gyro triad reads than of its own noise.
     """
     stop, count = np.full(len(motion), -1, dtype=np.intp), 0
     rates = _rates(motion)
@@ -199,6 +202,6 @@ def _trembles(time: Array, fog: Array, gyro: Array) -> bool:
     quick = both - uniform_filter1d(both, width, axis=0)
     Q = column_space(quick[:, 1:])
     total = float(quick[:, 0] @ quick[:, 0])
-    estimate = float(np.sum((Q.T @ quick[:, 0]) ** 2))
+    explained = float(np.sum((Q.T @ quick[:, 0]) ** 2))
     least = CORRELATED * float(chdtri(3, BY_CHANCE)) / len(both)
-    return total > 0 and estimate > max(MOVED, least) * total
+    return total > 0 and explained > max(MOVED, least) * total

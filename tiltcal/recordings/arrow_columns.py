@@ -1,4 +1,4 @@
-"""Columns of recordings as Arrow has them. Arrow's own conversions import pandas where it is
+"""Columns of recordings in Arrow memory layout. Arrow's own conversions import pandas where it is
 installed, which takes longer than a short recording does: here its buffers are read and made.
 """
 
@@ -12,13 +12,15 @@ from tiltcal.recordings.samples import Columns, Labels
 
 
 def to_numpy(column: Any, number: bool) -> Array | Labels:
-    """An Arrow column as floats, NaN for null, or as text, (n,); each word is made only once."""
+    """An Arrow column as floats, NaN for null, or as text, (n,); each distinct text is decoded only
+    once.
+    """
     if number:
         return _buffer(column, np.nan)
-    coded = column.dictionary_encode()
-    coded = coded.combine_chunks() if hasattr(coded, "num_chunks") else coded
-    text = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-    return text[_buffer(coded.indices, len(text) - 1)]
+    encoded = column.dictionary_encode()
+    encoded = encoded.combine_chunks() if hasattr(encoded, "num_chunks") else encoded
+    values = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
+    return values[_buffer(encoded.indices, len(values) - 1)]
 
 
 def _buffer(column: Any, null: float) -> Any:
@@ -26,7 +28,7 @@ def _buffer(column: Any, null: float) -> Any:
 
     Args:
         column: of float64 or int32.
-        null: what stands for a null.
+        null: value that stands for a null.
     """
     array = column.combine_chunks() if hasattr(column, "num_chunks") else column
     kind = np.dtype(array.type.to_pandas_dtype())
@@ -42,14 +44,14 @@ def _buffer(column: Any, null: float) -> Any:
 
 
 def arrow_table(
-    recording: Columns, names: Sequence[str], written: Callable[[str], str] = str
+    recording: Columns, names: Sequence[str], to_cell: Callable[[str], str] = str
 ) -> Any:
     """These columns of a recording as an Arrow table: numbers, null for NaN, and text.
 
     Args:
         recording: whose columns they are.
         names: of the columns, in their order.
-        written: a text as the file has it.
+        to_cell: a text as the file stores it.
     """
     import pyarrow as pa
 
@@ -57,7 +59,7 @@ def arrow_table(
         if name == "time_s":
             return _arrow_numbers(recording.time)
         return (
-            _arrow_texts(texts[name], written)
+            _arrow_texts(texts[name], to_cell)
             if name in texts
             else _arrow_numbers(recording.column(name))
         )
@@ -75,12 +77,12 @@ def _arrow_numbers(values: Array) -> Any:
     return pa.Array.from_buffers(pa.float64(), len(data), [there, pa.py_buffer(data)])
 
 
-def _arrow_texts(texts: Labels, written: Callable[[str], str]) -> Any:
+def _arrow_texts(texts: Labels, to_cell: Callable[[str], str]) -> Any:
     """Texts, (n,), as an Arrow array with null where there is none."""
     import pyarrow as pa
 
-    labels = {t: written(t).encode() if t else b"" for t in set(texts)}
-    cells = [labels[t] for t in texts]
+    encoded = {t: to_cell(t).encode() if t else b"" for t in set(texts)}
+    cells = [encoded[t] for t in texts]
     ends = np.cumsum([0, *map(len, cells)])
     kind = pa.large_string() if ends[-1] > np.iinfo(np.int32).max else pa.string()
     offsets = ends.astype(np.int64 if kind == pa.large_string() else np.int32)
@@ -90,7 +92,7 @@ def _arrow_texts(texts: Labels, written: Callable[[str], str]) -> Any:
 
 
 def _bits(there: Mask) -> Any:
-    """Which values an Arrow array holds."""
+    """Bit mask of the values that are present in an Arrow array."""
     import pyarrow as pa
 
     return pa.py_buffer(np.packbits(there, bitorder="little"))

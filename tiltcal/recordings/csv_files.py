@@ -18,11 +18,11 @@ from tiltcal.recordings.arrow_columns import arrow_table, to_numpy
 from tiltcal.recordings.samples import Columns, Labels
 
 MOST_COLUMNS = 4096
-HEAD = 1 << 18  # bytes that tell how long a line is
+HEAD = 1 << 18  # bytes from which the length of a line is estimated
 
 
 def is_number(name: str) -> bool:
-    """Whether a column of that name holds numbers (its name ends in a unit)."""
+    """Whether a column of that name is numeric (its name ends in a unit)."""
     return name != "label" and split_unit(name)[1] is not None
 
 
@@ -155,8 +155,8 @@ def _column(cells: Any, name: str) -> Array | Labels:
     if is_number(name):
         return to_numpy(cells, number=True)
     texts = to_numpy(cells, number=False)
-    labels = {text: text if text is None else text_of(text) for text in set(texts)}
-    return np.array([labels[text] for text in texts], dtype=object)
+    decoded = {text: text if text is None else text_of(text) for text in set(texts)}
+    return np.array([decoded[text] for text in texts], dtype=object)
 
 
 def _bad_cell(path: Path, names: list[str], skip: int, reason: str) -> TiltcalError:

@@ -30,8 +30,8 @@ class PublishedFile(StrictTable):
 class Dataset(StrictTable):
     """A published recording.
 
-    ``commit`` is stated as far as it is known; without ``folder`` the place in the repository is
-    not known. ``mapping`` and ``scenario`` stand in ``scenarios/real``.
+    ``commit`` is stated as far as it is known; without ``folder`` the path within the
+    repository is not known. ``mapping`` and ``scenario`` stand in ``scenarios/real``.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Dataset(StrictTable):
 
     @property
     def address(self) -> str | None:
-        """Where its files are; None where that is not known."""
+        """URL of its files; None where it is not known."""
         if self.folder is None:
             return None
         return f"{_RAW}/{self.repository}/{self.commit}/{self.folder}"
@@ -84,14 +84,14 @@ def fetch(dataset: Dataset, into: Path, source: str | None = None) -> list[Path]
     Args:
         dataset: what is fetched.
         into: the folder.
-        source: an address or a folder that holds the files, instead of where they are published.
+        source: an address or a folder with the files, instead of the published address.
 
     Raises:
         TiltcalError: the address is not known, the library is missing, a file cannot be fetched,
             or it is not the published one.
     """
-    position = source or dataset.address
-    if position is None:
+    location = source or dataset.address
+    if location is None:
         digests = ", ".join(f"{f.name} with SHA-256 {f.sha256}" for f in dataset.file)
         raise TiltcalError(
             f"data set {dataset.name}",
@@ -100,17 +100,17 @@ def fetch(dataset: Dataset, into: Path, source: str | None = None) -> list[Path]
             do="find it there, and give its folder or address with --from",
         )
     make_folder(into)
-    return [_one(dataset, file, into, position) for file in dataset.file]
+    return [_one(dataset, file, into, location) for file in dataset.file]
 
 
-def _one(dataset: Dataset, file: PublishedFile, into: Path, position: str) -> Path:
+def _one(dataset: Dataset, file: PublishedFile, into: Path, location: str) -> Path:
     target = into / file.name
     if target.is_file() and _digest(target) == file.sha256:
         return target
-    if urlparse(position).scheme in ("http", "https"):
-        _download(dataset, file, f"{position.rstrip('/')}/{file.name}", target)
+    if urlparse(location).scheme in ("http", "https"):
+        _download(dataset, file, f"{location.rstrip('/')}/{file.name}", target)
         return target
-    local = Path(position) / file.name
+    local = Path(location) / file.name
     if not local.is_file():
         raise TiltcalError(
             f"data set {dataset.name}",
@@ -148,10 +148,10 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _other_file(dataset: Dataset, file: PublishedFile, position: str) -> TiltcalError:
+def _other_file(dataset: Dataset, file: PublishedFile, location: str) -> TiltcalError:
     return TiltcalError(
         f"data set {dataset.name}, {file.name}",
-        found=f"another content at {position}",
+        found=f"another content at {location}",
         need=f"SHA-256 {file.sha256}",
         do="fetch it again, or from another address with --from",
     )

@@ -21,44 +21,45 @@ from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 DEGREES = (4, 6)  # of the local polynomials: a fast swing bends more than a quartic does
 # samples of them: those that leave no more than the readout's own noise
 WIDTHS = (5, 7, 9, 11, 15, 19, 25, 33, 41)
-AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate it tells
-BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
+AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate is estimated
+AT_ENDS = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 
 
 def by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array, Array]:
     """First and second derivative per sample, each from the polynomial of the window that is best
     for it, and the expected squares of the errors of both, (n,) each.
 
-    That is the variance and the square of the bias, told from what a polynomial of two degrees
-    more has (Ruppert, J. Am. Stat. Assoc. 92, 1997). The narrowest window where none fits.
+    That is the variance and the square of the bias, estimated from a polynomial of two degrees
+    more (Ruppert, J. Am. Stat. Assoc. 92, 1997). The narrowest window where none fits.
 
     Args:
-        u: angle, rad. noise: of each sample, rad, (n,).
+        u: angle, rad.
+        noise: of each sample, rad, (n,).
     """
     n = len(u)
-    estimate, error = _by_narrowest(u, noise)
+    derivatives, error = _by_narrowest(u, noise)
     narrowest = error.copy()
     for row in _ends(n):  # no window is around them
         error[:, row] = np.inf
     kept = np.ones((2, n), bool)
     fitting = {(w, d): fits(u, w, d, noise) for d, w in product(DEGREES, WIDTHS) if d + 1 < w < n}
-    for positions in (AROUND, BESIDE):
+    for positions in (AROUND, AT_ENDS):
         wanted = np.ones((2, n), bool) if positions is AROUND else error >= narrowest
         for ((width, degree), fit), share in product(fitting.items(), positions):
-            position = round(share * (width - 1))
-            rows = slice(position, n - width + 1 + position)
-            each = _weights(width, position, degree)
-            more = _weights(width, position, degree + 2) if width > degree + 3 else each
+            index = round(share * (width - 1))
+            rows = slice(index, n - width + 1 + index)
+            each = _weights(width, index, degree)
+            more = _weights(width, index, degree + 2) if width > degree + 3 else each
             for k, weights in enumerate(each):
                 expected = float(weights @ weights) * noise[rows] ** 2
                 expected = expected + _bias(u, more[k] - weights, noise[rows])
                 better = fit & wanted[k, rows] & (expected < error[k, rows])
                 if better.any():
                     found = np.convolve(u, weights[::-1], mode="valid")
-                    estimate[k, rows] = np.where(better, found, estimate[k, rows])
+                    derivatives[k, rows] = np.where(better, found, derivatives[k, rows])
                     error[k, rows] = np.where(better, expected, error[k, rows])
                     kept[k, rows] &= ~better
-    v, a = estimate
+    v, a = derivatives
     squares, bending = np.where(kept, narrowest + _bias_of_narrowest(u, noise), error)
     return v, a, squares, bending
 
@@ -68,16 +69,16 @@ def _by_narrowest(u: Array, noise: Array) -> tuple[Array, Array]:
     one side, and the variances of both, (2, n) each.
     """
     n, half = len(u), WIDTHS[0] // 2
-    estimate, variance = np.zeros((2, 2, n))
+    derivatives, variance = np.zeros((2, 2, n))
     for k, weights in enumerate(_weights(WIDTHS[0], half, DEGREES[0])):
-        estimate[k, half : n - half] = np.convolve(u, weights[::-1], mode="valid")
+        derivatives[k, half : n - half] = np.convolve(u, weights[::-1], mode="valid")
         variance[k] = float(weights @ weights) * noise**2
     for row in _ends(n):
         begin = 0 if row < half else n - WIDTHS[0]
         for k, weights in enumerate(_weights(WIDTHS[0], row - begin, DEGREES[0])):
-            estimate[k, row] = float(weights @ u[begin : begin + WIDTHS[0]])
+            derivatives[k, row] = float(weights @ u[begin : begin + WIDTHS[0]])
             variance[k, row] = float(weights @ weights) * noise[row] ** 2
-    return estimate, variance
+    return derivatives, variance
 
 
 def _bias_of_narrowest(u: Array, noise: Array) -> Array:
@@ -100,15 +101,16 @@ def _ends(n: int) -> tuple[int, ...]:
 
 
 def _bias(u: Array, more: Array, noise: Array) -> Array:
-    """Square of what the weights of a higher degree add in each full window, beyond its noise,
-    (m,). more: those weights less the weights in use; noise: of the sample told, rad, (m,).
+    """Square of the difference that the weights of a higher degree make in each full window, beyond
+    its noise, (m,). more: those weights less the weights in use; noise: of the estimated sample,
+    rad, (m,).
     """
     added = np.convolve(u, more[::-1], mode="valid") ** 2
     return np.asarray(np.maximum(added - float(more @ more) * noise**2, 0.0))
 
 
 def _weights(width: int, index: int, degree: int) -> tuple[Array, Array]:
-    """What takes the first and the second derivative at one sample of a window from its polynomial,
+    """Weights of the first and the second derivative at one sample of a window, by its polynomial,
     (width,) each.
     """
     fitted = np.linalg.pinv(
@@ -131,27 +133,27 @@ def fits(u: Array, width: int, degree: int, noise: Array, off: float = STRICT) -
     return np.asarray(np.sqrt(np.maximum(left, 0.0) / dof) <= limit)
 
 
-RESTS = 32  # steps at rest that tell the readout's noise
+MIN_STEPS = 32  # steps at standstill, more of which give the readout's noise
 FAST = 0.3  # of the fastest rate: there an error of the stamps shows
-ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
+ORDERS = (4, 6, 8)  # of differences that give it for an axis that never stands still
 
 
-def noise_of_rests(angle: Array, still: Mask, parted: Index = NOWHERE) -> float | None:
-    """Standard deviation of a readout from row to row at rest, rad, at least that of its
-    quantisation steps; None if it hardly rests. angle: rad, (n,).
+def noise_at_standstill(angle: Array, still: Mask, parted: Index = NOWHERE) -> float | None:
+    """Standard deviation of a readout from row to row at standstill, rad, at least that of its
+    quantisation; None if it hardly stands still. angle: rad, (n,).
     """
     both = still[1:] & still[:-1]
     both[parted - 1] = False  # what moved within a pause is no noise
     steps = np.diff(angle)[both]
     return (
         float(max(np.sqrt(np.mean(steps**2) / 2), lsb_width(angle) / np.sqrt(12)))
-        if len(steps) > RESTS
+        if len(steps) > MIN_STEPS
         else None
     )
 
 
 def noise_of_stamps(uniform: Array, pace: Array, noise: float) -> float:
-    """How far stamps are off the instants of their rows (rounded, or late), standard deviation in
+    """How far stamps are off the instants of their rows (rounded, or lagged), standard deviation in
     samples: what higher differences of the readout show beyond its noise where it is fast.
     """
     least = np.inf
@@ -176,12 +178,13 @@ def noise_of_motion(uniform: Array) -> float:
     )
 
 
-MIN_ROWS = 9  # rows that a motion is told from
-UNKNOWN = 2 * np.pi  # rad/s and rad/s2, of a motion that no rows tell
+MIN_ROWS = 9  # rows from which a motion is estimated
+UNKNOWN = 2 * np.pi  # rad/s and rad/s2, of a motion that no rows determine
 LINE = 13  # samples in which a line shows that it is one
-SHARED = 3.4  # rows that tell as much of a slow course as one: the windows of rates overlap
+# rows that hold as much information on a slow course as one: the windows of rates overlap
+SHARED = 3.4
 CHOSEN = 1.5  # times a rate is off by what its window expects: the least of many was taken
-RINGS = 9.0  # times its expected square that a rate at rest is motion
+RINGING = 9.0  # times its expected square that a rate at rest is motion
 
 
 class Rates(NamedTuple):
@@ -199,18 +202,19 @@ def differentiate(time: Array, angle: Array, still: Mask, parted: Index = NOWHER
     """Rate and acceleration of a readout, exactly zero at rest, and the noise of both.
 
     Each sample has the window, around it or to one side of it, whose polynomial leaves no more than
-    the noise of readout and stamps and tells the rate best: long in steady turns, short where moves
-    bend, and on its own side of a corner. Where an axis leaves its rest and where it comes to one,
+    the noise of readout and stamps and gives the rate best: long in steady turns, short where moves
+    bend, and on its own side of a corner. Where an axis begins and ends a move,
     the rate begins at zero. No window reaches across a pause of the log; between two pauses fewer
-    than MIN_ROWS rows of a motion tell no rate.
+    than MIN_ROWS rows of a motion give no rate.
 
     Args:
-        time: s, increasing, (n,). angle: rad, (n,).
-        still: rows at which the axis rests, (n,).
+        time: s, increasing, (n,).
+        angle: rad, (n,).
+        still: rows at which the axis stands still, (n,).
         parted: first rows after pauses of the log.
     """
     found = Rates(*np.zeros((4, len(angle))))
-    readout = noise_of_rests(angle, still, parted)
+    readout = noise_at_standstill(angle, still, parted)
     for rows in stretches(len(time), parted):
         part = _of_stretch(time[rows], angle[rows], still[rows], readout)
         for whole, values in zip(found, part, strict=True):
@@ -220,27 +224,31 @@ def differentiate(time: Array, angle: Array, still: Mask, parted: Index = NOWHER
 
 def noise_of_stamped(time: Array, angle: Array, still: Mask, parted: Index = NOWHERE) -> Array:
     """Standard deviation of an angle at each stamp, rad, (n,): of the readout, and of the stamp
-    times the rate; empty if the axis hardly rests.
+    times the rate; empty if the axis hardly stands still.
 
     Args:
         time, angle, still, parted: as in ``differentiate``.
     """
-    readout = noise_of_rests(angle, still, parted)
+    readout = noise_at_standstill(angle, still, parted)
     if readout is None:
         return np.zeros(0)
     found = np.full(len(time), readout)
     for rows in stretches(len(time), parted):
         if (even := _evenly(time[rows], angle[rows])) is not None:
-            late = noise_of_stamps(even[1], _pace(even[1]), readout)
-            found[rows] = _with_stamps(readout, late, even[0], time[rows], angle[rows])
+            stamp_noise = noise_of_stamps(even[1], _pace(even[1]), readout)
+            found[rows] = _with_stamps(readout, stamp_noise, even[0], time[rows], angle[rows])
     return found
 
 
-def _with_stamps(readout: float, late: float, grid: Array, time: Array, angle: Array) -> Array:
-    """Noise of an angle at each stamp, rad, (n,). late: of the stamps, in steps of the grid."""
+def _with_stamps(
+    readout: float, stamp_noise: float, grid: Array, time: Array, angle: Array
+) -> Array:
+    """Noise of an angle at each stamp, rad, (n,). stamp_noise: of the stamps, in steps of
+    the grid.
+    """
     step = float(grid[1] - grid[0])
     exact = float(np.spacing(np.abs(angle).max()))  # of a readout without noise
-    return np.asarray(np.hypot(max(readout, exact), late * step * np.gradient(angle, time)))
+    return np.asarray(np.hypot(max(readout, exact), stamp_noise * step * np.gradient(angle, time)))
 
 
 def _evenly(time: Array, angle: Array) -> tuple[Array, Array] | None:
@@ -259,22 +267,22 @@ def _evenly(time: Array, angle: Array) -> tuple[Array, Array] | None:
     return grid, np.asarray(CubicSpline(time, angle)(grid))
 
 
-def _of_stretch(time: Array, angle: Array, still: Mask, estimate: float | None) -> Rates:
-    """Rates where the log does not pause. told: noise of the readout at rest."""
+def _of_stretch(time: Array, angle: Array, still: Mask, readout_noise: float | None) -> Rates:
+    """Rates where the log does not pause. readout_noise: at standstill, rad."""
     even = _evenly(time, angle)
     if even is None:
-        standstills = still | (np.ptp(angle) == 0)
-        nothing, unknown = np.zeros(len(angle)), np.where(standstills, 0.0, UNKNOWN)
+        at_rest = still | (np.ptp(angle) == 0)
+        nothing, unknown = np.zeros(len(angle)), np.where(at_rest, 0.0, UNKNOWN)
         return Rates(nothing, nothing, unknown, unknown)
     grid, uniform = even
     step = float(grid[1] - grid[0])
-    readout, pace = estimate or noise_of_motion(uniform), _pace(uniform)
-    late = noise_of_stamps(uniform, pace, readout)
-    white = np.hypot(readout, late * pace)
+    readout, pace = readout_noise or noise_of_motion(uniform), _pace(uniform)
+    stamp_noise = noise_of_stamps(uniform, pace, readout)
+    white = np.hypot(readout, stamp_noise * pace)
     v, a, variance, bending = _by_windows(time, still, grid, uniform, white)
     lined = _on_lines(uniform, white)
     steady = _lasting(~still & (np.interp(time, grid, lined) > 0.5))
-    stamped = _with_stamps(readout, late, grid, time, angle)
+    stamped = _with_stamps(readout, stamp_noise, grid, time, angle)
     for c in corners(time / step, angle, still, steady, stamped):
         for whole, error, found, expected in (
             (v, variance, c.rate, c.variance),
@@ -283,12 +291,12 @@ def _of_stretch(time: Array, angle: Array, still: Mask, estimate: float | None) 
             better = c.near | (~still[c.rows] & (expected < error[c.rows]))
             rows = c.rows[better]
             whole[rows], error[rows] = found[better], expected[better]
-    # a stamp that is off tells the motion of another instant
-    noise = np.hypot(CHOSEN * np.sqrt(SHARED * variance), late * a)
+    # a stamp that is off belongs to the motion of another instant
+    noise = np.hypot(CHOSEN * np.sqrt(SHARED * variance), stamp_noise * a)
     jerk = np.where(still, 0.0, np.gradient(a, time / step))
     other = np.sqrt(
         CHOSEN**2 * SHARED * bending
-        + (late * jerk) ** 2
+        + (stamp_noise * jerk) ** 2
         + _unresolved(time / step, v, a, np.where(still, 0.0, variance))
     )
     return Rates(v / step, a / step**2, noise / step, other / step**2)
@@ -301,14 +309,16 @@ def _by_windows(
     their errors, (n,) each.
 
     Args:
-        time: of the stamps, s, (n,); still: which rest, (n,).
-        grid, uniform: even times, s, and the angle there, rad, (m,); noise: of it, rad, (m,).
+        time: of the stamps, s, (n,).
+        still: rows at standstill, (n,).
+        grid, uniform: even times, s, and the angle there, rad, (m,).
+        noise: of it, rad, (m,).
     """
     from scipy.interpolate import CubicHermiteSpline
 
     n, step = len(grid), float(grid[1] - grid[0])
-    beside = 2 * WIDTHS[-1] + 1  # no window of a row that moves reaches further
-    reached = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside))
+    reach = 2 * WIDTHS[-1] + 1  # no window of a row that moves reaches further
+    reached = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(reach))
     wanted = reached[WIDTHS[-1] : WIDTHS[-1] + n] > 0.5
     estimate = np.zeros((4, n))
     if wanted.sum() >= WIDTHS[0]:
@@ -318,15 +328,15 @@ def _by_windows(
     # a line cuts off its peaks
     a = CubicHermiteSpline(grid, estimate[1], np.gradient(estimate[1], step))(time)
     # at rest nothing moves but what rings: by as much as that shows, its rates are unknown
-    variance = np.where(still, np.maximum(v**2 - RINGS * variance, 0.0), variance)
-    bending = np.where(still, np.maximum(a**2 - RINGS * bending, 0.0), bending)
+    variance = np.where(still, np.maximum(v**2 - RINGING * variance, 0.0), variance)
+    bending = np.where(still, np.maximum(a**2 - RINGING * bending, 0.0), bending)
     return np.where(still, 0.0, v), np.where(still, 0.0, a), variance, bending
 
 
 def _unresolved(time: Array, v: Array, a: Array, variance: Array) -> Array:
     """Square of what an acceleration is off the mean over the time from one neighbour to the other,
-    beyond the noise of the rates there, (n,): what bends within so few samples is not told, and an
-    instrument takes as long to follow.
+    beyond the noise of the rates there, (n,): what bends within so few samples is not resolved, and
+    an instrument takes as long to follow.
     """
     mean = np.gradient(v, time)
     noise = np.convolve(variance, (0.25, 0.0, 0.25), "same")
@@ -334,14 +344,14 @@ def _unresolved(time: Array, v: Array, a: Array, variance: Array) -> Array:
 
 
 def _on_lines(u: Array, noise: Array) -> Mask:
-    """Samples at which the angle goes on by a line, within the noise, (n,)."""
+    """Samples at which the angle follows a straight line within the noise, (n,)."""
     if len(u) <= LINE:
         return np.zeros(len(u), bool)
     return np.asarray(np.convolve(fits(u, LINE, 1, noise, LOOSE), np.ones(LINE)) > 0.5)
 
 
 def _lasting(steady: Mask) -> Mask:
-    """Rows of turns that are steady for long enough to tell their rate, (n,)."""
+    """Rows of turns that are steady for long enough to determine their rate, (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
     found = np.zeros(len(steady), bool)
     for first, after in zip(edges[::2], edges[1::2], strict=True):

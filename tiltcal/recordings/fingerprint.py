@@ -1,4 +1,4 @@
-"""What tells a recording from another."""
+"""Fingerprints of recordings."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -17,10 +17,10 @@ def fingerprint_of(stamps: Iterable[Array], readings: Mapping[str, Array]) -> st
         stamps: s, piece by piece.
         readings: of each column, (n,), at least the first ``FIRST`` of them.
     """
-    estimate = _digest((np.round(time, 6) for time in stamps), 16)
+    digest_of_stamps = _digest((np.round(time, 6) for time in stamps), 16)
     if not readings:
-        return estimate
-    return f"{estimate}-{_digest((readings[n][:FIRST] for n in sorted(readings)), 8)}"
+        return digest_of_stamps
+    return f"{digest_of_stamps}-{_digest((readings[n][:FIRST] for n in sorted(readings)), 8)}"
 
 
 def _digest(columns: Iterable[Array], digits: int) -> str:

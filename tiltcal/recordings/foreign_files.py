@@ -15,7 +15,7 @@ from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable
 from tiltcal.recordings.formats.registry import read_raw
 from tiltcal.recordings.formats.text import bad_cell
 from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
-from tiltcal.recordings.mapping import ColumnWords, Mapping, TimeWords
+from tiltcal.recordings.mapping import ColumnMapping, Mapping, TimeSource
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.repairs import repair
 from tiltcal.recordings.samples import Labels
@@ -30,7 +30,7 @@ class Imported:
     Args:
         recording: as it is to be written.
         findings: faults of the data as they came, before any repair.
-        repairs: what was changed, as text.
+        repairs: description of each change.
     """
 
     recording: Recording
@@ -78,30 +78,30 @@ def import_file(path: Path | str, mapping: Mapping, budget: ReadBudget | None = 
     ]
     findings = [f for t in main.tables for f in find_bad_lines(t)]
     repaired: list[_Part] = []
-    message: list[str] = []
+    repairs: list[str] = []
     for part in parts:
         findings += find_faults(part.time, part.columns)
-        time, columns, labels, text = repair(
+        time, columns, labels, done = repair(
             part.time, part.columns, part.labels, mapping.repair, mapping.time.period
         )
         repaired.append(_Part(time, part.zero, columns, labels))
-        message += [*part.repairs, *text]
+        repairs += [*part.repairs, *done]
     metadata = {"imported from": path.name} | mapping.metadata
-    message += [f"ragged_lines: {f.count} left out" for f in findings if f.kind == "ragged_lines"]
-    if message:
-        metadata["repairs"] = "; ".join(message)
-    return Imported(_joined(repaired, metadata, f"recording {path.name}"), findings, message)
+    repairs += [f"ragged_lines: {f.count} left out" for f in findings if f.kind == "ragged_lines"]
+    if repairs:
+        metadata["repairs"] = "; ".join(repairs)
+    return Imported(_joined(repaired, metadata, f"recording {path.name}"), findings, repairs)
 
 
-def _base(text: ColumnWords, mapping: Mapping) -> tuple[str, int | str | None]:
+def _base(column: ColumnMapping, mapping: Mapping) -> tuple[str, int | str | None]:
     """The table of a column and its time column: one base for all columns that share both."""
-    return mapping.table_of(text), text.time
+    return mapping.table_of(column), column.time
 
 
 def _part(
     main: RawFile,
     files: dict[str | None, RawFile],
-    wanted: Sequence[ColumnWords],
+    wanted: Sequence[ColumnMapping],
     mapping: Mapping,
 ) -> _Part:
     table = main.table(mapping.table_of(wanted[0]))
@@ -109,7 +109,7 @@ def _part(
     clock = mapping.time if own is None else mapping.time.model_copy(update={"column": own})
     time, zero = time_of(table, clock, main.source)
     columns: dict[str, Array] = {}
-    message: list[str] = []
+    repairs: list[str] = []
     labels = None
     for c in wanted:
         file = files[c.file]
@@ -125,19 +125,19 @@ def _part(
         if c.to == "label":
             labels = np.array([None if t is None else str(t) for t in raw], dtype=object)
         else:
-            values, text = _numbers(raw, c.to, file.source, mapping)
+            values, repaired = _numbers(raw, c.to, file.source, mapping)
             columns[c.to] = _scaled(values, c)
-            message += text
-    return _Part(time, zero, columns, labels, tuple(message))
+            repairs += repaired
+    return _Part(time, zero, columns, labels, tuple(repairs))
 
 
-def _scaled(values: Array, text: ColumnWords) -> Array:
-    scaled = values if text.scale == 1.0 else text.scale * values
-    return scaled + text.offset if text.offset else scaled
+def _scaled(values: Array, column: ColumnMapping) -> Array:
+    scaled = values if column.scale == 1.0 else column.scale * values
+    return scaled + column.offset if column.offset else scaled
 
 
 def _numbers(raw: Raw, name: str, source: str, mapping: Mapping) -> tuple[Array, list[str]]:
-    """A column as numbers, and the repair that made it so, as text."""
+    """A column as numbers, and a description of the repair that made it so."""
     if raw.dtype.kind == "M":
         raise bad_cell(raw.astype(str).astype(object), source, mapping.file.decimal)
     if raw.dtype != object:
@@ -145,30 +145,30 @@ def _numbers(raw: Raw, name: str, source: str, mapping: Mapping) -> tuple[Array,
     values, bad = numbers_in(raw, mapping.file.decimal)
     if len(bad) and "empty_text" not in mapping.repair:
         raise bad_cell(raw, source, mapping.file.decimal)
-    message = [f"empty_text: {len(bad)} cells of {name} emptied"] if len(bad) else []
-    return values, message
+    repairs = [f"empty_text: {len(bad)} cells of {name} emptied"] if len(bad) else []
+    return values, repairs
 
 
-def time_of(table: RawTable, text: TimeWords, source: str) -> tuple[Array, float]:
+def time_of(table: RawTable, spec: TimeSource, source: str) -> tuple[Array, float]:
     """The time of a table, s, (n,), counted from a zero, s, which is 0 unless the stamps are so
     large that they would resolve less than 10 ns.
 
     Raises:
-        TiltcalError: the column holds no times.
+        TiltcalError: the column contains no times.
     """
-    if text.column is None:
-        return np.arange(len(table)) / (text.rate_hz or 1.0), 0.0
-    raw = table.column(text.column, source)
-    if text.unit == "iso" or raw.dtype.kind == "M":
+    if spec.column is None:
+        return np.arange(len(table)) / (spec.rate_hz or 1.0), 0.0
+    raw = table.column(spec.column, source)
+    if spec.unit == "iso" or raw.dtype.kind == "M":
         counts, factor = iso_stamps(raw, source).astype(np.int64), 1e-9
     elif raw.dtype == object:
         raise bad_cell(raw, source, "point")
     else:
-        counts, factor = raw, text.tick_s or COLUMN_UNITS[text.unit].factor
+        counts, factor = raw, spec.tick_s or COLUMN_UNITS[spec.unit].factor
     if not np.isfinite(counts).all():
         raise TiltcalError(
             f"foreign recording {source}, data row {int(np.argmin(np.isfinite(counts))) + 1}",
-            found=f"no time in column {text.column}",
+            found=f"no time in column {spec.column}",
             need="a number",
             do="fill it in, or leave out that row",
         )

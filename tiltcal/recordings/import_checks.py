@@ -1,4 +1,4 @@
-"""Faults of a foreign file's data, each with its count and its places; nothing is changed here."""
+"""Faults of a foreign file's data, each with its count and its rows; nothing is changed here."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.formats.raw_table import CUT, DAMAGED, RAGGED, RawTable
 
 _GAP = 2.5  # steps of the usual length
-_SHOWN = 3  # places that a statement names
+_SHOWN = 3  # rows that a statement names
 _RUN = 20  # equal readings that are never called frozen, below it
 _CHANCE = 1e-6  # of a run of equal readings in a whole recording
-_LEVELS = 5  # in addition to the end of the range, for comparison
+_LEVELS = 5  # next to the end of the range, for comparison
 _AT_END = 5  # readings at the end of the range that make a channel clipped
 
 
@@ -135,12 +135,12 @@ def _channel_faults(name: str, values: Array) -> Iterator[Finding]:
     if not (values[1:] == values[:-1]).any():
         return
     ended = clipped(values)
-    for kind, mask, message in (
+    for kind, mask, description in (
         ("clipped", ended, "the reading stays at the end of its range"),
         ("frozen", frozen(values) & ~ended, "the reading is repeated too often for its noise"),
     ):
         if mask.any():
-            yield _found(kind, name, mask, message, f"empty_{kind}", rows_shift=0)
+            yield _found(kind, name, mask, description, f"empty_{kind}", rows_shift=0)
 
 
 def _at_slower_rate(missing: Mask) -> bool:
@@ -211,18 +211,18 @@ def _rows_of(first: Index, last: Index, chosen: Mask, n: int) -> Mask:
 
 
 def _found(
-    kind: str, column: str, mask: Mask, text: str, repair: str = "", rows_shift: int = 1
+    kind: str, column: str, mask: Mask, description: str, repair: str = "", rows_shift: int = 1
 ) -> Finding:
     """A finding at the rows of a mask; ``rows_shift`` 1 where the mask is of steps."""
     rows = np.flatnonzero(mask) + rows_shift + 1
     count = len(rows)
-    positions = ", ".join(map(str, rows[:_SHOWN])) + (", ..." if count > _SHOWN else "")
+    row_list = ", ".join(map(str, rows[:_SHOWN])) + (", ..." if count > _SHOWN else "")
     times = "once" if count == 1 else f"{count} times"
     return Finding(
         kind,
         column,
         count,
         tuple(int(r) for r in rows[:_SHOWN]),
-        f"{column}: {text}, {times}, in data row {positions}",
+        f"{column}: {description}, {times}, in data row {row_list}",
         repair,
     )

@@ -55,11 +55,11 @@ def joins_of(recording: Recording) -> Array:
     """Stamps at which another recording begins, s, (j,); none of a single recording.
 
     Raises:
-        TiltcalError: the metadata do not hold numbers.
+        TiltcalError: the metadata are no numbers.
     """
     stated = recording.metadata.get(JOINS, "")
     try:
-        return np.array([float(token) for token in stated.split(",") if token.strip()])
+        return np.array([float(stamp) for stamp in stated.split(",") if stamp.strip()])
     except ValueError as error:
         raise TiltcalError(
             f"{recording.source}, metadata '{JOINS}'",
@@ -109,7 +109,7 @@ def _column(recording: Recording, name: str) -> Array:
 
 
 def _mounts(recordings: Sequence[Recording], starts: Sequence[float], mount: str) -> str:
-    """The mountings of all of them with the times from which they hold."""
+    """The mountings of all of them with the times from which they are valid."""
     found = []
     for k, (r, start) in enumerate(zip(recordings, starts, strict=True)):
         for part in r.metadata.get("mount", mount).split(";"):

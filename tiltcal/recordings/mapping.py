@@ -22,10 +22,10 @@ Repair = Literal[
 ]
 REPAIRS: tuple[str, ...] = get_args(Repair)
 UNKNOWN = "?"
-"""Stands in a proposed mapping where the file does not say it."""
+"""Placeholder in a proposed mapping for what the file does not state."""
 
 
-class FileWords(StrictTable):
+class FileLayout(StrictTable):
     """Layout of the text, and the table that columns stand in where a file has several."""
 
     separator: Literal["space", "comma", "tab", "semicolon", "pipe"] = "comma"
@@ -39,7 +39,7 @@ class FileWords(StrictTable):
     table: str = ""
 
 
-class TimeWords(StrictTable):
+class TimeSource(StrictTable):
     """Source of the time: a column, or the sample rate."""
 
     column: int | str | None = None
@@ -60,17 +60,17 @@ class TimeWords(StrictTable):
     def _known(cls, given: Any) -> Any:
         for key in ("unit", "rate_hz", "column"):
             if isinstance(given, dict) and given.get(key) == UNKNOWN:
-                raise ValueError(f"{key} is '?': the file does not say it; fill it in")
+                raise ValueError(f"{key} is '?': the file does not state it; fill it in")
         return given
 
     @model_validator(mode="after")
-    def _one(self) -> "TimeWords":
+    def _one(self) -> "TimeSource":
         if (self.column is None) == (self.rate_hz is None):
             raise ValueError("give either column or rate_hz")
         return self
 
 
-class ColumnWords(StrictTable):
+class ColumnMapping(StrictTable):
     """One channel: its column, its name here, and its time column where that differs."""
 
     from_: Annotated[int | str, Field(alias="from")]
@@ -82,7 +82,7 @@ class ColumnWords(StrictTable):
     offset: float = 0.0
 
     @model_validator(mode="after")
-    def _unit(self) -> "ColumnWords":
+    def _unit(self) -> "ColumnMapping":
         if self.to.endswith(f"_{UNKNOWN}"):
             raise ValueError(f"the unit of '{self.to}' is not known from the file; fill it in")
         if self.to != "label" and split_unit(self.to)[1] is None:
@@ -93,22 +93,22 @@ class ColumnWords(StrictTable):
 class Mapping(StrictTable):
     """A mapping file."""
 
-    file: FileWords = FileWords()
-    time: TimeWords
-    column: tuple[ColumnWords, ...]
+    file: FileLayout = FileLayout()
+    time: TimeSource
+    column: tuple[ColumnMapping, ...]
     repair: tuple[Repair, ...] = ()
     metadata: dict[str, str] = {}
 
     @field_validator("column")
     @classmethod
-    def _distinct(cls, columns: tuple[ColumnWords, ...]) -> tuple[ColumnWords, ...]:
+    def _distinct(cls, columns: tuple[ColumnMapping, ...]) -> tuple[ColumnMapping, ...]:
         names = [c.to for c in columns]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"'{twice[0]}' stands twice")
         return columns
 
-    def table_of(self, column: ColumnWords) -> str:
+    def table_of(self, column: ColumnMapping) -> str:
         """The table that a column stands in."""
         return self.file.table if column.table is None else column.table
 
@@ -153,11 +153,15 @@ def _no_toml(name: str, error: ValueError) -> TiltcalError:
     )
 
 
-_PARTS: dict[str, type[StrictTable]] = {"file": FileWords, "time": TimeWords, "column": ColumnWords}
+_PARTS: dict[str, type[StrictTable]] = {
+    "file": FileLayout,
+    "time": TimeSource,
+    "column": ColumnMapping,
+}
 
 
 def _problem(error: Any) -> str:
-    """One wrong key as text, with the nearest valid one."""
+    """Message on one wrong key, with the nearest valid one."""
     path = ".".join(str(part + 1) if isinstance(part, int) else part for part in error["loc"])
     if error["type"] != "extra_forbidden":
         return f"{path}: {error['msg'].removeprefix('Value error, ')}"

@@ -26,7 +26,7 @@ def read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
     """All columns, (n,) each, and the metadata.
 
     Raises:
-        TiltcalError: it is no archive, claims more than it holds, or an array is no column.
+        TiltcalError: it is no archive, claims more than it contains, or an array is no column.
     """
     with _checked(path, whole=True) as (archive, members, _):
         columns: dict[str, Array | Labels] = {}
@@ -47,7 +47,9 @@ def npz_head(path: Path) -> tuple[dict[str, str], list[str]]:
 
 
 def npz_rows(path: Path) -> int:
-    """How many rows the arrays have; 0 where it is no archive of columns: reading it says why."""
+    """How many rows the arrays have; 0 where it is no archive of columns: reading it gives the
+    reason.
+    """
     try:
         with _checked(path, whole=False) as (_, __, rows):
             return rows
@@ -150,7 +152,7 @@ def _require_within_budget(path: Path, members: Mapping[str, zipfile.ZipInfo], w
 
 
 def _head(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Shape and type of an array, as its header says; the stream is at its first value then."""
+    """Shape and type of an array, as its header states; the stream is at its first value then."""
     version = npy.read_magic(stream)
     read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
     shape, _, kind = read_head(stream)
@@ -158,7 +160,7 @@ def _head(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 
 def _shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, ...]:
-    """The shape of an array whose header claims exactly what the archive holds."""
+    """The shape of an array whose header claims exactly what the archive contains."""
     with archive.open(member) as stream:
         shape, kind = _head(stream)
         held = member.file_size - stream.tell()
@@ -207,10 +209,10 @@ def write_npz(recording: Columns, path: Path) -> None:
     arrays = {"time_s": recording.time} | {
         name: recording.column(name) for name in recording.column_names
     }
-    labels = {
+    texts = {
         name: np.array([t or "" for t in values], dtype=str)
         for name, values in recording.texts.items()
     }
     metadata = {METADATA: np.array(json.dumps(dict(recording.metadata)))}
     with path.open("wb") as out:
-        np.savez(out, allow_pickle=False, **arrays, **labels, **metadata)
+        np.savez(out, allow_pickle=False, **arrays, **texts, **metadata)

@@ -21,7 +21,7 @@ def read_parquet(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]
     """All columns, (n,) each, and the metadata.
 
     Raises:
-        TiltcalError: it is no Parquet file, or a column has another type than its name says.
+        TiltcalError: it is no Parquet file, or a column has another type than its name states.
     """
     import pyarrow as pa
     from pyarrow import parquet
@@ -60,7 +60,7 @@ def stated_rows(path: Path) -> int:
     try:
         return int(parquet.read_metadata(path).num_rows)
     except (pa.ArrowException, OSError):
-        return 0  # reading it says why
+        return 0  # reading it gives the reason
 
 
 def parquet_pieces(path: Path) -> Iterator[dict[str, Array | Labels]]:

@@ -1,7 +1,7 @@
 """Long recordings read and written piece by piece, in memory that does not grow with their length.
 
 CSV comes by blocks of text, Parquet by batches of rows, NPZ by pieces of every array. An NPZ file
-is written in one piece: it holds each column whole.
+is written in one piece: each column is stored whole.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -45,7 +45,7 @@ def read_pieces(path: Path | str, ordered: bool = True) -> Iterator[Recording]:
     """
     path = require_file(Path(path), "recording")
     if path.suffix not in SUFFIXES or path.stat().st_size == 0:
-        read_recording(path)  # says what is wrong
+        read_recording(path)  # raises the error
     if path.suffix == ".csv":
         metadata, names, _ = csv_head(path)
         pieces = csv_pieces(path)
@@ -80,7 +80,9 @@ def _assembled(
     source: str,
     ordered: bool,
 ) -> Iterator[Recording]:
-    """Recordings of columns as read, piece by piece; what the rows are numbered by goes on."""
+    """Recordings of columns as read, piece by piece; the row numbers continue from piece
+    to piece.
+    """
     rows, last = 0, -np.inf
     for columns in pieces:
         if not len(next(iter(columns.values()))):
@@ -90,7 +92,7 @@ def _assembled(
             require_onward(piece.time, piece.source, rows, last)
         yield piece
         rows, last = rows + len(piece), float(piece.time[-1])
-    if rows == 0:  # says what is missing
+    if rows == 0:  # raises the error of what is missing
         assemble({name: np.zeros(0) for name in names}, metadata, source)
 
 
@@ -125,7 +127,7 @@ def writing(path: Path | str) -> Iterator[Write]:
     its name when the block ends well, and not before.
 
     Raises:
-        TiltcalError: the ending is unknown or the file cannot be written.
+        TiltcalError: the ending is unknown or the path cannot be written.
     """
     path = require_suffix(Path(path))
     if path.suffix == ".npz":
@@ -172,7 +174,7 @@ def part_of(recording: Recording, first: int, last: int) -> Recording:
         recording.time[first:last],
         {name: recording.column(name)[first:last] for name in recording.column_names},
         labels=None if recording.labels is None else recording.labels[first:last],
-        extra={name: text[first:last] for name, text in recording.extra.items()},
+        extra={name: texts[first:last] for name, texts in recording.extra.items()},
         metadata=recording.metadata,
         source=recording.source,
     )

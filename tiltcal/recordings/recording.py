@@ -32,7 +32,7 @@ class Recording(Tabular):
     Args:
         time: one stamp a row, s, (n,), any epoch.
         blocks: the numeric channels.
-        labels: the operator's words, (n,) of str or None; None when there is no such column.
+        labels: the operator's labels, (n,) of str or None; None when there is no such column.
         extra: columns that are no channel (no unit in their name), kept as text.
         metadata: ``# key: value`` lines.
         source: where it came from, for messages.
@@ -80,7 +80,7 @@ class Recording(Tabular):
 
     @cached_property
     def fingerprint(self) -> str:
-        """What tells this recording from another, also after samples of it were repaired or left
+        """Fingerprint of this recording, unchanged after samples of it were repaired or left
         out: a digest of its stamps and, where it has any, one of its readings.
         """
         if self.origin is not None:
@@ -247,8 +247,8 @@ class Recording(Tabular):
     def ignored_columns(self, sensors: Iterable[Sensor]) -> str:
         """A note of the unknown columns; empty without any."""
         unknown = ", ".join(self.unknown(sensors))
-        text = f"columns that belong to no sensor of the scenario are ignored: {unknown}"
-        return text if unknown else ""
+        message = f"columns that belong to no sensor of the scenario are ignored: {unknown}"
+        return message if unknown else ""
 
     def as_columns(self) -> Mapping[str, Array | Labels]:
         """The columns of its file, (n,) each; numbers as written, NaN where not sampled."""
@@ -269,7 +269,7 @@ class Recording(Tabular):
         """Write it as CSV, Parquet or NPZ, whole or not at all; the ending decides.
 
         Raises:
-            TiltcalError: the ending is unknown or the file cannot be written.
+            TiltcalError: the ending is unknown or the path cannot be written.
         """
         from tiltcal.recordings.saving import write_recording
 

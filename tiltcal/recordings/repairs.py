@@ -1,4 +1,4 @@
-"""Repairs of an imported table, each only on request and each stated as text."""
+"""Repairs of an imported table, each only on request and each with a report."""
 
 from collections.abc import Callable, Sequence
 
@@ -25,7 +25,7 @@ def repair(
     """A table after the repairs that are wanted, in the order of ``REPAIRS``, and what they did.
 
     Args:
-        labels: the words of the rows, where there are any.
+        labels: of the rows, where there are any.
         time: s, (n,).
         columns: name with unit -> values, (n,) each.
         wanted: names of repairs.
@@ -35,13 +35,13 @@ def repair(
         TiltcalError: a repair cannot be made on these data.
     """
     state: State = (time, columns, labels)
-    message = []
+    reports = []
     for name, make in REPAIRS.items():
         if name in wanted:
-            state, text = make(state, period)
-            if text:
-                message.append(f"{name}: {text}")
-    return (*state, message)
+            state, report = make(state, period)
+            if report:
+                reports.append(f"{name}: {report}")
+    return (*state, reports)
 
 
 def _unwrap_time(state: State, period: float | None) -> Done:
@@ -99,22 +99,22 @@ def _unwrap_angles(state: State, _: float | None) -> Done:
         unwrapped[known] = np.unwrap(values[known], period=turn)
         if not np.array_equal(unwrapped[known], values[known]):
             changed[name] = unwrapped
-    text = ", ".join(changed) + " made continuous" if changed else ""
-    return (time, columns | changed, labels), text
+    report = ", ".join(changed) + " made continuous" if changed else ""
+    return (time, columns | changed, labels), report
 
 
 def _emptied(find: Callable[[Array], "np.typing.NDArray[np.bool_]"]) -> Callable[..., Done]:
     def make(state: State, _: float | None) -> Done:
         time, columns, labels = state
-        changed, message = {}, []
+        changed, reports = {}, []
         for name, values in columns.items():
             if is_angle(name) or np.isnan(values).all():
                 continue
             mask = find(values)
             if mask.any():
                 changed[name] = np.where(mask, np.nan, values)
-                message.append(f"{int(mask.sum())} values of {name} emptied")
-        return (time, columns | changed, labels), ", ".join(message)
+                reports.append(f"{int(mask.sum())} values of {name} emptied")
+        return (time, columns | changed, labels), ", ".join(reports)
 
     return make
 

@@ -11,9 +11,9 @@ from tiltcal.core.frames import parse_mounts
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.differentiation import Rates
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.segmentation import tells_rests
+from tiltcal.recordings.segmentation import can_show_standstill
 from tiltcal.recordings.table_columns import other_tables
-from tiltcal.recordings.table_standstills import edges_of, rates_of, rests_of, sign_of
+from tiltcal.recordings.table_standstills import edges_of, rates_of, sign_of, standstills_of
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import angle_channel
 from tiltcal.setup.trajectory import Drive, Jet, Standstills
@@ -27,7 +27,8 @@ class Replay:
         time: the recording's stamps, s, (n,).
         angles: of each axis, rad, (n,), gaps interpolated.
         known: rows where every axis was read, (n,).
-        temperature: degC, (n,); reference: T0.
+        temperature: degC, (n,).
+        reference: T0.
         mounts: (from time, R_mount).
         stop: number of the stop of each row, -1 while moving, (n,).
     """
@@ -46,7 +47,7 @@ class Replay:
         return float(self.time[0]), float(self.time[-1])
 
     def with_angles(self, angles: dict[str, Array]) -> "Replay":
-        """The same with other angles, its stops told from them. angles: rad, (n,) each."""
+        """The same with other angles, its stops determined from them. angles: rad, (n,) each."""
         return replace(self, angles=angles, stop=numbered_stops(self.time, angles))
 
     def drive(self, time: Array) -> Drive:
@@ -68,8 +69,8 @@ class Replay:
         return self.standing(time, axes)
 
     def motion_noise(self, axis: str) -> tuple[Array, Array]:
-        """Standard deviations of the rate, rad/s, and the acceleration, rad/s2, that an axis'
-        readout tells, (n,) each.
+        """Standard deviations of the rate, rad/s, and the acceleration, rad/s2, of an axis
+        from its readout, (n,) each.
         """
         return self._rates[axis].noise, self._rates[axis].acceleration_noise
 
@@ -84,24 +85,24 @@ class Replay:
 
     @property
     def _read(self) -> Mask:
-        """Rows that tell the motion, (n,): those that were read; all, where hardly any was."""
-        enough = tells_rests(self.time[self.known])
+        """Rows that determine the motion, (n,): those that were read; all, where hardly any was."""
+        enough = can_show_standstill(self.time[self.known])
         return self.known if enough and self.known.any() else np.ones(len(self.time), bool)
 
     @cached_property
     def _rates(self) -> dict[str, Rates]:
         """Rate and acceleration of each axis: the drive is asked for many times. Where nothing was
-        read it turns evenly: no motion is told from interpolated angles.
+        read it turns evenly: no motion is estimated from interpolated angles.
         """
         found, read = {}, self._read
         for name, angle in self.angles.items():
             # counted the other way it has the same rates, turned
             sign = sign_of(angle)
-            estimate = rates_of(self.time[read].tobytes(), (sign * angle[read]).tobytes())
+            estimates = rates_of(self.time[read].tobytes(), (sign * angle[read]).tobytes())
             rates = Rates(*np.zeros((4, len(angle))))
             if not read.all():
                 rates.rate[:] = sign * np.gradient(angle, self.time)
-            for whole, part in zip(rates, estimate, strict=True):
+            for whole, part in zip(rates, estimates, strict=True):
                 whole[read] = part
             found[name] = rates._replace(
                 rate=sign * rates.rate, acceleration=sign * rates.acceleration
@@ -110,17 +111,17 @@ class Replay:
 
     @cached_property
     def standstills(self) -> Standstills:
-        """When each standstill began and ended: to a part of a sample where the readout tells
+        """When each standstill began and ended: to a part of a sample where the readout determines
         it.
         """
         read = self._read
         time = self.time[read].tobytes()
-        message = [edges_of(time, angle[read].tobytes()) for angle in self.angles.values()]
+        each_axis = [edges_of(time, angle[read].tobytes()) for angle in self.angles.values()]
         leaves, comes = (
-            np.sort(np.concatenate([one[side] for one in message])) if message else np.zeros(0)
+            np.sort(np.concatenate([one[side] for one in each_axis])) if each_axis else np.zeros(0)
             for side in (0, 1)
         )
-        return rests_between(self.time, self.stop, leaves, comes)
+        return standstills_between(self.time, self.stop, leaves, comes)
 
     def standing(self, time: Array, axes: dict[str, Jet]) -> Drive:
         """A drive at these times whose axes are known already: nothing is differentiated. time: s,
@@ -143,15 +144,15 @@ class Replay:
 
 def numbered_stops(time: Array, angles: dict[str, Array]) -> Index:
     """Number of the stop of each row of a readout (rad, (n,) each), -1 while moving, (n,)."""
-    resting, parted = np.ones(len(time), bool), NOWHERE
+    still, parted = np.ones(len(time), bool), NOWHERE
     if angles:
-        # counted the other way it rests at the same rows
+        # counted the other way it stands still at the same rows
         each = np.column_stack([sign_of(angle) * angle for angle in angles.values()])
-        resting, parted = rests_of(time.tobytes(), each.tobytes(), len(angles))
-    begins = np.diff(resting.astype(int), prepend=0) == 1
-    begins[parted] = resting[parted]
+        still, parted = standstills_of(time.tobytes(), each.tobytes(), len(angles))
+    begins = np.diff(still.astype(int), prepend=0) == 1
+    begins[parted] = still[parted]
     starts = np.flatnonzero(begins)
-    return np.where(resting, np.searchsorted(starts, np.arange(len(time)), side="right") - 1, -1)
+    return np.where(still, np.searchsorted(starts, np.arange(len(time)), side="right") - 1, -1)
 
 
 def replay(
@@ -232,16 +233,16 @@ def nearest_rows(stamps: Array, time: Array) -> Index:
     return np.searchsorted(between, time)
 
 
-def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Standstills:
+def standstills_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Standstills:
     """The standstills of a readout.
 
     A stop has lost its ends to the margins that the search for it keeps; where an instant is not
-    told it is as far from the stop's end as usually.
+    determined it is as far from the stop's end as usually.
 
     Args:
         time: s, (n,).
         stop: number of the stop of each row, -1 while moving, (n,).
-        leaves, comes: instants at which an axis left a standstill, and came to one, s, sorted.
+        leaves, comes: instants at which an axis began a move, and ended one, s, sorted.
     """
     rows = Standstills.of_rows(time, stop)
     first, last = (side[np.isfinite(side)] for side in (rows.begin, rows.end))
@@ -257,10 +258,10 @@ def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Stan
     return Standstills(begin, end).led_in(bool(stop[0] < 0))
 
 
-def _as_usual(estimate: Array, rough: Array) -> Array:
-    """Instants, s, (k,): those that are not told, infinite, as far from the rough ones as the
+def _as_usual(exact: Array, rough: Array) -> Array:
+    """Instants, s, (k,): those that are not determined, infinite, as far from the rough ones as the
     others usually are.
     """
-    there = np.isfinite(estimate)
-    usual = float(np.median(estimate[there] - rough[there])) if there.any() else 0.0
-    return np.where(there, estimate, rough + usual)
+    there = np.isfinite(exact)
+    usual = float(np.median(exact[there] - rough[there])) if there.any() else 0.0
+    return np.where(there, exact, rough + usual)

@@ -1,5 +1,5 @@
-"""Where an axis leaves its rest and where it comes to one: at an instant between two samples, its
-rate being zero there; and where a steady turn begins and ends.
+"""Instants at which an axis begins and ends a move, between two samples, its rate being zero
+there; and those at which a steady turn begins and ends.
 """
 
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ import numpy as np
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 from tiltcal.recordings.starting_courses import (
     EARLIEST,
-    REST,
+    STANDSTILL,
     Corner,
     Side,
     corner_at,
@@ -19,8 +19,8 @@ from tiltcal.recordings.starting_courses import (
     spread_of,
 )
 
-WIDTHS = (5, 6, 7, 8, 9, 11, 13, 16, 20, 25)  # samples after the rest
-REACHES = (6, 8, 11, 16, 25, 36, 50)  # that tell one law of a start from another
+WIDTHS = (5, 6, 7, 8, 9, 11, 13, 16, 20, 25)  # samples after the standstill
+REACHES = (6, 8, 11, 16, 25, 36, 50)  # that distinguish one functional form of a start from another
 POWERS: tuple[tuple[float, ...], ...] = (
     (2.0, 3.0),
     (2.0, 3.0, 4.0),
@@ -28,16 +28,16 @@ POWERS: tuple[tuple[float, ...], ...] = (
     (3.0, 4.0, 5.0, 6.0),
     (3.0, 5.0, 7.0),  # the rate on a cosine
 )
-# how a drive may begin: its acceleration at once, soon, late
+# how a drive may begin: its acceleration at once, soon, later
 STARTS: tuple[tuple[float, ...], ...] = (
     (2.0, 3.0, 4.0),
     (3.0, 4.0, 5.0, 6.0),
     (4.0, 5.0, 6.0),
 )
-# sigma that the noise next to a course may be off: to tell a functional form, and to use it once
-# it is told
+# sigma that the residuals of a course may exceed the noise: to choose a functional form, and to
+# use it once it is chosen
 STRICT, LOOSE = 1.0, 3.0
-HIDDEN = -16  # samples that the slowest may have been on its way
+HIDDEN = -16  # samples that the slowest may have been moving unseen
 
 
 def corners(time: Array, angle: Array, still: Mask, steady: Mask, noise: Array) -> Iterator[Corner]:
@@ -47,7 +47,7 @@ def corners(time: Array, angle: Array, still: Mask, steady: Mask, noise: Array) 
     Args:
         time: in samples, increasing, (n,).
         angle: rad, (n,).
-        still: rows of the axis' rests, (n,).
+        still: rows at which the axis stands still, (n,).
         steady: rows of its steady turns, (n,).
         noise: standard deviation of the angle at each stamp, rad, (n,).
     """
@@ -60,48 +60,50 @@ def corners(time: Array, angle: Array, still: Mask, steady: Mask, noise: Array) 
 def edges(
     time: Array, angle: Array, still: Mask, noise: Array, parted: Index = NOWHERE
 ) -> tuple[Array, Array]:
-    """The instants at which moves leave a standstill, and those at which they reach one, in
-    samples; none where they cannot be determined. time: s, (n,); angle: rad, (n,).
+    """The instants at which moves begin, and those at which they end, in samples; none
+    where they cannot be determined. time: s, (n,); angle: rad, (n,).
 
     Args:
         time, angle, still, noise: see ``corners``.
-        parted: first rows after pauses of the log, which no move and no rest goes on across.
+        parted: first rows after pauses of the log, which no move and no standstill continues
+            across.
     """
     back = len(time) - parted[::-1]
     turning = np.zeros(len(time), bool)
-    leaves = _told(side_of(time, angle, still, turning, noise, parted))
-    comes = _told(side_of(-time[::-1], angle[::-1], still[::-1], turning, noise[::-1], back))
+    leaves = _departures(side_of(time, angle, still, turning, noise, parted))
+    comes = _departures(side_of(-time[::-1], angle[::-1], still[::-1], turning, noise[::-1], back))
     return leaves, -comes[::-1]
 
 
-def _told(side: Side) -> Array:
-    """When these moves leave their standstills, in order: by the functional form of the start, one
-    for all of them, that fits them the furthest.
+def _departures(side: Side) -> Array:
+    """Instants at which these moves begin, in order: by the form of the start, one for all of them,
+    that fits them the furthest.
     """
     best, powers, when = -1.0, STARTS[0], np.full(len(side.last), np.nan)
-    for law in STARTS:
-        total, found = _reached(side, law, best)
+    for trial in STARTS:
+        total, found = _reached(side, trial, best)
         if total > best:
-            best, powers, when = total, law, found
-    for earliest, width in product((EARLIEST, HIDDEN), reversed(REACHES)):  # the widest tell best
-        _tell(side, np.isnan(when), width, powers, when, LOOSE, earliest)
+            best, powers, when = total, trial, found
+    # the widest are most informative
+    for earliest, width in product((EARLIEST, HIDDEN), reversed(REACHES)):
+        _fit_window(side, np.isnan(when), width, powers, when, LOOSE, earliest)
     return when[~np.isnan(when)]
 
 
 def _reached(side: Side, powers: tuple[float, ...], least: float) -> tuple[float, Array]:
-    """How many samples a functional form fits all these moves together, each by the widest window
-    that it fits, and when they leave their standstills by it; as soon as it cannot be more than
+    """Number of samples over which a form fits all these moves together, each by the widest window
+    that it fits, and the instants at which they begin by it; as soon as it cannot be more than
     ``least``, at most as many as that.
     """
     reach, when = np.zeros(len(side.last)), np.full(len(side.last), np.nan)
     for width in reversed(REACHES):
         if reach.sum() + width * (reach == 0).sum() <= least:
             break
-        reach[_tell(side, reach == 0, width, powers, when)] = width
+        reach[_fit_window(side, reach == 0, width, powers, when)] = width
     return float(reach.sum()), when
 
 
-def _tell(
+def _fit_window(
     side: Side,
     wanted: Mask,
     width: int,
@@ -110,11 +112,11 @@ def _tell(
     off: float = STRICT,
     earliest: int = EARLIEST,
 ) -> Index:
-    """Write ``when`` the wanted moves leave their standstills by a window of this width; those
-    that it fits.
+    """Write into ``when`` the beginnings of the wanted moves by a window of this width; return the
+    moves that it fits.
     """
     tried = np.flatnonzero(
-        wanted & (side.last + 1 + width <= side.end) & (side.rows >= REST[0] - earliest)
+        wanted & (side.last + 1 + width <= side.end) & (side.rows >= STANDSTILL[0] - earliest)
     )
     if not len(tried):
         return tried
@@ -125,14 +127,14 @@ def _tell(
 
 
 def _fitted(side: Side) -> Iterator[Corner]:
-    """The corners of one side, each by the window and the powers that tell its rate best among
+    """The corners of one side, each by the window and the powers that determine its rate best among
     those that fit; where none fits well, among those that are not refused.
     """
     chosen: dict[int, tuple[int, tuple[float, ...], float]] = {}
     allowed = dict(chosen)
     for width, powers in sorted(product(WIDTHS, POWERS), key=lambda trial: spread_of(*trial)):
-        room = side.last + 1 + width <= side.end
-        tried = np.array([k for k in np.flatnonzero(room) if k not in chosen], dtype=int)
+        long_enough = side.last + 1 + width <= side.end
+        tried = np.array([k for k in np.flatnonzero(long_enough) if k not in chosen], dtype=int)
         if not len(tried):
             continue
         instant, off = instants(side, tried, width, powers, LOOSE)

@@ -15,7 +15,7 @@ from tiltcal.recordings.pieces import estimated_rows, part_of, read_pieces
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
-from tiltcal.recordings.span_means import averaging_note, read_averaged, require_room, spans_of
+from tiltcal.recordings.span_means import averaging_note, read_averaged, require_memory, spans_of
 from tiltcal.setup.tables import axis_of
 from tiltcal.statistics.allan import (
     DENSE,
@@ -33,28 +33,28 @@ def noise_models_of(path: Path | str, progress: Progress = silent) -> dict[str, 
     """The noise model of each sensor channel of a file.
 
     A long recording is read in pieces, twice: its standstills are found in averages over spans of
-    time, the Allan deviation is that of its samples, and a note of each model is stated.
+    time, the Allan deviation is that of its samples, and a note of each model states it.
 
     Args:
         path: of the recording.
-        progress: is told how much of a long one was read.
+        progress: callback, receives the share of a long one that was read.
 
     Raises:
-        TiltcalError: there is no sensor channel, or no rest.
+        TiltcalError: there is no sensor channel, or no standstill.
     """
     if spans_of(path) is None:
-        require_room(path)
+        require_memory(path)
         return noise_models(read_recording(path).require_increasing())
     recording = read_averaged(path, progress)
-    names, standstill = _channels(recording), _longest(recording)
+    names, longest = _channels(recording), _longest(recording)
     running: dict[str, RunningAllan] = {}
     rates: dict[str, float] = {}
-    for piece in _between(path, standstill.start, standstill.end, progress):
+    for piece in _between(path, longest.start, longest.end, progress):
         for name in names:
             known = ~np.isnan(values := piece.column(name))
             if name not in running and known.sum() > 1:
                 rates[name] = _rate(piece.time[known])
-                running[name] = RunningAllan(int((standstill.end - standstill.start) * rates[name]))
+                running[name] = RunningAllan(int((longest.end - longest.start) * rates[name]))
             if name in running:
                 running[name].add(values[known])
     curves = {name: found.deviation(rates[name]) for name, found in running.items()}
@@ -77,20 +77,20 @@ def noise_models(recording: Recording) -> dict[str, NoiseModel]:
     """The noise model of each sensor channel.
 
     Raises:
-        TiltcalError: there is no sensor channel, or no rest.
+        TiltcalError: there is no sensor channel, or no standstill.
     """
     models = {}
     for name in _channels(recording):
-        values, rate = longest_rest(recording, name)
+        values, rate = longest_standstill(recording, name)
         models[name] = _fitted(recording.source, name, allan_deviation(values, rate))
     return models
 
 
-def longest_rest(recording: Recording, column: str) -> tuple[Array, float]:
+def longest_standstill(recording: Recording, column: str) -> tuple[Array, float]:
     """The longest dwell of a column, (n,), and its sample rate, Hz.
 
     Raises:
-        TiltcalError: the recording has no rest.
+        TiltcalError: the recording has no standstill.
     """
     longest = _longest(recording)
     values = recording.column(column)

@@ -42,18 +42,18 @@ class RigFit:
     misfit: float
 
     def changes(self, table: str, mount: Array) -> tuple[str, ...]:
-        """What a scenario with another table or mounting has to change, as text.
+        """Changes of a scenario with another table or mounting, as text.
 
         Args:
             table: that the scenario states.
             mount: R_mount that it states, (3, 3).
         """
         turned = zip(self.table.axis_names, self.senses, strict=True)
-        text = [f'set table = "{self.table.name}"'] if self.table.name != table else []
-        text += [f"change the sign of the {name} angle" for name, sense in turned if sense < 0]
+        steps = [f'set table = "{self.table.name}"'] if self.table.name != table else []
+        steps += [f"change the sign of the {name} angle" for name, sense in turned if sense < 0]
         if not np.allclose(parse_mount(self.mount), mount):
-            text.append(f'set mount = "{self.mount}"')
-        return tuple(text)
+            steps.append(f'set mount = "{self.mount}"')
+        return tuple(steps)
 
 
 def up_in_head(table: Table, angles: Array) -> Array:
@@ -99,7 +99,7 @@ def _of_table(table: Table, up: Array, angles: Mapping[str, Array]) -> Iterator[
 
 def read_poses(recording: Recording, setup: Setup) -> tuple[Array, dict[str, Array]] | None:
     """Directions of up that an accelerometer triad read, (m, 3), and the table angles there, rad,
-    whatever table the set-up states. None where the recording does not hold both.
+    whatever table the set-up states. None where the recording does not have both.
     """
     triad = next((s for s in setup.sensor if _is_triad(s)), None)
     possible = tables_of(recording)
@@ -151,15 +151,15 @@ def suspected_rig(recording: Recording, setup: Setup) -> str | None:
 
 
 def _misfit(up: Array, angles: Mapping[str, Array], rig: Rig) -> float:
-    """Rms of the direction of gravity on a stated rig, rad; an axis that is not read rests."""
-    at_rest = np.zeros(len(up))
-    read = np.column_stack([angles.get(name, at_rest) for name in rig.axis_names])
+    """Rms of the direction of gravity on a stated rig, rad; an axis without readout counts as 0."""
+    unread = np.zeros(len(up))
+    read = np.column_stack([angles.get(name, unread) for name in rig.axis_names])
     left = up - up_in_head(rig.kind, read) @ rig.mount_rotation
     return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
 
 
 def simplest(fits: Sequence[RigFit], rig: Rig) -> list[str]:
-    """The ways, as text, to come from a stated rig to one that fits, with the fewest changes."""
+    """The fewest changes that make a stated rig fit, as text, one entry a rig."""
     ways = [fit.changes(rig.table, rig.mount_rotation) for fit in fits]
     least = min((len(way) for way in ways), default=0)
     return sorted({" and ".join(way) for way in ways if len(way) == least})

@@ -1,5 +1,5 @@
-"""Columns of a recording: those that were sampled together, one sensor's readings, and what a
-file holds.
+"""Columns of a recording: those that were sampled together, one sensor's readings, and the
+contents of a file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ Labels = npt.NDArray[np.object_]
 
 
 class Columns(Protocol):
-    """What a file of a recording holds: all that a writer asks of one."""
+    """Contents of the file of a recording: all that a writer asks of one."""
 
     @property
     def time(self) -> Array:

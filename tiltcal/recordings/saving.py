@@ -16,7 +16,7 @@ def write_recording(recording: Columns, path: Path | str) -> None:
     """Write a recording, whole or not at all; the ending decides the format.
 
     Raises:
-        TiltcalError: the ending is unknown or the file cannot be written.
+        TiltcalError: the ending is unknown or the path cannot be written.
     """
     path = require_suffix(Path(path))
     writers = {".csv": write_csv_file, ".parquet": write_parquet, ".npz": write_npz}

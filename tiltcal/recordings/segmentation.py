@@ -41,7 +41,7 @@ class Segment:
         start, end: s.
         first, last: rows, last exclusive.
         kind: ``dwell`` or ``move``.
-        label: the operator's word on most of its rows, or None.
+        label: the operator's label on most of its rows, or None.
     """
 
     start: float
@@ -54,10 +54,10 @@ class Segment:
 
 def _rows(table: MeansTable) -> list[Segment]:
     """Each row of a table of means as a dwell."""
-    text = [None] * len(table) if table.labels is None else table.labels
+    labels = [None] * len(table) if table.labels is None else table.labels
     return [
-        Segment(float(t), float(t), k, k + 1, "dwell", token)
-        for k, (t, token) in enumerate(zip(table.time, text, strict=True))
+        Segment(float(t), float(t), k, k + 1, "dwell", label)
+        for k, (t, label) in enumerate(zip(table.time, labels, strict=True))
     ]
 
 
@@ -70,10 +70,11 @@ def find_segments(
         recording: with table, accelerometer, inclinometer or gyro columns.
         window: s, over which quiet is judged; the result hardly depends on it.
         guard: s cut off at both ends of a dwell (not at the ends of the log).
-        shortest: s; what is at rest for less counts as moving.
+        shortest: s; a shorter standstill counts as moving.
 
     Raises:
-        TiltcalError: no channel can tell rest from motion, or the log is shorter than the window.
+        TiltcalError: no channel can distinguish standstill from motion, or the log is shorter than
+            the window.
     """
     recording.require_increasing()
     if isinstance(recording, MeansTable):
@@ -111,16 +112,16 @@ def find_segments(
     return _segments(recording, ~moving, np.concatenate(parted), guard, shortest)
 
 
-def resting_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:
-    """Rows at which a table's readout rests, (n,). angles: rad, (n, axes)."""
+def standstill_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:
+    """Rows at which a table's readout stands still, (n,). angles: rad, (n, axes)."""
     if len(time) < 3:
         return np.ones(len(time), bool)
     return _quiet(time, angles, window, "readout")
 
 
-def tells_rests(time: Array, window: float = WINDOW) -> bool:
-    """Whether rows are enough to tell rests from motion: more than one window. time: s, (n,);
-    window: s.
+def can_show_standstill(time: Array, window: float = WINDOW) -> bool:
+    """Whether rows are enough to distinguish standstill from motion: more than one window. time: s,
+    (n,); window: s.
     """
     return len(time) < MIN_ROWS or len(time) > _width(time, window)
 
@@ -237,7 +238,7 @@ def _cover(quiet: Mask, width: int, n: int) -> Mask:
 
 
 def _spread(rows: npt.NDArray[np.intp], mask: Mask, n: int) -> Mask:
-    """A mask known on some rows, held over the rows between them."""
+    """A mask known on some rows, extended over the rows between them."""
     if len(rows) == n:
         return mask
     where = np.clip(np.searchsorted(rows, np.arange(n), side="right") - 1, 0, len(rows) - 1)
@@ -245,16 +246,16 @@ def _spread(rows: npt.NDArray[np.intp], mask: Mask, n: int) -> Mask:
 
 
 def _segments(
-    recording: Recording, resting: Mask, parted: Index, guard: float, shortest: float
+    recording: Recording, still: Mask, parted: Index, guard: float, shortest: float
 ) -> list[Segment]:
     time = recording.time
-    changes = np.flatnonzero(np.diff(resting.astype(int))) + 1
+    changes = np.flatnonzero(np.diff(still.astype(int))) + 1
     # a pause of the log may hide the move from one dwell to the next
-    inside = parted[resting[parted] & resting[parted - 1]]
+    inside = parted[still[parted] & still[parted - 1]]
     edges = [0, *np.union1d(changes, inside).tolist(), len(time)]
     found: list[Segment] = []
     for first, last in pairwise(edges):
-        dwell = bool(resting[first])
+        dwell = bool(still[first])
         if dwell:
             cut_first = first if first == 0 else int(np.searchsorted(time, time[first] + guard))
             cut_last = (
@@ -275,10 +276,10 @@ def majority(recording: Recording, first: int, last: int) -> str | None:
     """The label on most of these rows; None when most have none."""
     if recording.labels is None:
         return None
-    texts = [str(w) for w in recording.labels[first:last] if w]
-    if 2 * len(texts) < last - first:
+    labels = [str(w) for w in recording.labels[first:last] if w]
+    if 2 * len(labels) < last - first:
         return None
-    values, counts = np.unique(texts, return_counts=True)
+    values, counts = np.unique(labels, return_counts=True)
     return str(values[np.argmax(counts)])
 
 

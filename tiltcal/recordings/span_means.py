@@ -26,7 +26,7 @@ LONGEST = 500_000  # rows of a recording that is taken sample by sample
 AVERAGED = "averaged over"  # metadata: the length of the spans
 ENOUGH = 0.5  # share of a span's usual samples below which it is left out: next to a gap
 COPIES = 6  # of a recording's columns in memory while it is taken sample by sample
-CODED = 20_000  # samples that tell the codes
+GRID_SAMPLES = 20_000  # samples from which the LSB is determined
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class Spans:
     step: float
 
     @property
-    def words(self) -> str:
-        """How long each is."""
+    def text(self) -> str:
+        """Length of each, for messages."""
         return f"{self.samples * self.step:.4g} s ({self.samples} samples)"
 
     def numbers(self, time: Array) -> Index:
@@ -56,21 +56,21 @@ def read_averaged(path: Path | str, progress: Progress = silent) -> Recording:
 
     Args:
         path: of the recording.
-        progress: is told how much of a long one was read.
+        progress: callback, receives the share of a long one that was read.
 
     Raises:
-        TiltcalError: as ``read_log_or_means`` and ``read_pieces`` do; or it has coarse
-            quantisation, and more rows than there is memory for.
+        TiltcalError: as ``read_log_or_means`` and ``read_pieces`` do; or its quantisation is
+            coarse, with more rows than there is memory for.
     """
     spans = spans_of(path)
     if spans is None:
-        require_room(path)
+        require_memory(path)
         return read_log_or_means(path)
     pieces = report_pieces(read_pieces(path), estimated_rows(path), progress)
     return joined([averaged(piece, spans) for piece in whole_spans(pieces, spans)])
 
 
-def require_room(path: Path | str) -> None:
+def require_memory(path: Path | str) -> None:
     """Refuse a long recording that is taken sample by sample, where that needs more memory than is
     allowed.
 
@@ -89,15 +89,16 @@ def require_room(path: Path | str) -> None:
 
 
 def averaging_note(recording: Recording) -> str | None:
-    """What to report of a recording that was averaged; None of others."""
-    message = recording.metadata.get(AVERAGED)
-    return None if message is None else f"{recording.source} was read as averages over {message}"
+    """Note on a recording that was averaged; None for others."""
+    spans = recording.metadata.get(AVERAGED)
+    return None if spans is None else f"{recording.source} was read as averages over {spans}"
 
 
 def spans_of(path: Path | str, rows: int | None = None) -> Spans | None:
     """The spans that a file is averaged over; None where it is taken sample by sample.
 
-    Coarse codes are not averaged: single samples tell what rounding leaves in a mean.
+    Coarsely quantised readings are not averaged: single samples show what rounding leaves in a
+    mean.
 
     Args:
         path: of the recording.
@@ -113,10 +114,10 @@ def spans_of(path: Path | str, rows: int | None = None) -> Spans | None:
 
 
 def _coarse(values: Array) -> bool:
-    """Whether the noise of a column hardly leaves a code."""
-    known = values[~np.isnan(values)][:CODED]
-    code = lsb_grid(known) if len(known) > 2 else None
-    return code is not None and second_difference_noise(known) < code
+    """Whether the noise of a column is below one LSB."""
+    known = values[~np.isnan(values)][:GRID_SAMPLES]
+    lsb = lsb_grid(known) if len(known) > 2 else None
+    return lsb is not None and second_difference_noise(known) < lsb
 
 
 def whole_spans(pieces: Iterable[Recording], spans: Spans, rows: int = 1) -> Iterator[Recording]:
@@ -148,8 +149,9 @@ def averaged(piece: Recording, spans: Spans) -> Recording:
     """Means over spans, one row for each span and for each set of sensors that were sampled
     together.
 
-    A row holds what was read on every one of these sensors' rows next to them, as angles of the
-    table are; other columns have rows of their own. Texts are those of the row in the middle.
+    A row also has the means of the columns that were read on every one of these sensors' rows, such
+    as angles of the table; other columns have rows of their own. Texts are those of the row in the
+    middle.
     """
     groups = list(_groups(piece))
     parts = [_means(piece, names, rows, spans) for names, rows in groups]
@@ -161,10 +163,10 @@ def averaged(piece: Recording, spans: Spans) -> Recording:
         rows = where[starts[k] : starts[k + 1]]
         for name in part.column_names:
             columns[name][rows] = part.column(name)
-        for name, text in part.texts.items():
-            texts[name][rows] = text
+        for name, texts_of_part in part.texts.items():
+            texts[name][rows] = texts_of_part
     labels = texts.pop("label", None)
-    metadata = {**piece.metadata, AVERAGED: spans.words}
+    metadata = {**piece.metadata, AVERAGED: spans.text}
     return Recording.from_columns(
         time, columns, labels=labels, extra=texts, metadata=metadata, source=piece.source
     )
@@ -180,13 +182,13 @@ def _groups(piece: Recording) -> Iterator[tuple[list[str], Index]]:
         if names:
             complete = np.logical_and.reduce([there[n] for n in names])
             together.setdefault(complete.tobytes(), ([], complete))[0].extend(names)
-    beside: set[str] = set()
+    used: set[str] = set()
     for names, complete in list(together.values()):
         with_them = [n for n in states if there[n][complete].all()]
-        beside.update(with_them)
+        used.update(with_them)
         yield names + with_them, np.flatnonzero(complete)
     for name in states:
-        if name not in beside:
+        if name not in used:
             yield [name], np.flatnonzero(there[name])
 
 
@@ -214,5 +216,5 @@ def _means(piece: Recording, names: list[str], rows: Index, spans: Spans) -> Rec
         origin + mean(piece.time - origin),
         {name: mean(piece.column(name)) for name in names},
         labels=None if piece.labels is None else piece.labels[middle],
-        extra={name: text[middle] for name, text in piece.extra.items()},
+        extra={name: values[middle] for name, values in piece.extra.items()},
     )

@@ -51,7 +51,8 @@ def require_measurable(values: Array, time: Array, name: str, source: str) -> No
 
     Args:
         name, source: of the channel and its recording, for the message.
-        values: of a column, (n,), NaN where it was not sampled. time: their stamps, s, (n,).
+        values: of a column, (n,), NaN where it was not sampled.
+        time: their stamps, s, (n,).
 
     Raises:
         TiltcalError: naming the first stamp or reading that is one.

@@ -1,8 +1,8 @@
 """The course of an axis from the instant on at which it leaves a standstill or a steady turn.
 
 A polynomial across that instant rings. From it on the course is a sum of powers of the time since,
-the square or the cube first, and before it the level of the rest, or the line of the turn: that
-tells the rate next to it better than any window on one side of it.
+the square or the cube first, and before it the level of the standstill, or the line of the turn:
+that gives the rate next to it better than any window on one side of it.
 """
 
 from dataclasses import dataclass
@@ -13,28 +13,28 @@ import numpy as np
 
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 
-# samples: what begins slowly hides in the noise of the rest, and a standstill ends with a margin
+# samples: what begins slowly hides in the noise of the standstill, which ends with a margin
 EARLIEST, LATEST = -4, 5
 COARSE = 0.25  # samples between the instants tried first
 ZOOM = 8.0  # times finer, each time
 ZOOMS = 5
-KNOWN = (
-    1e-4  # of chi-square in addition to the least: the instant is known to a hundredth of its sigma
-)
-REST = (6, 50)  # samples of a standstill, at least, and as many at most for its level
-TURN = 16  # samples of a steady turn, at least: its line goes on in addition to what follows it
+KNOWN = 1e-4  # of chi-square above the least: the instant is known to a hundredth of its sigma
+STANDSTILL = (6, 50)  # samples of a standstill, at least, and as many at most for its level
+TURN = 16  # samples of a steady turn, at least: its line extrapolates next to what follows it
 NOTHING = 1e-200  # of a sum of squares
 NEAR = 2.5  # samples from the instant in which every window reaches across it
 
 
 @dataclass(frozen=True)
 class Corner:
-    """The motion in addition to one end of a standstill.
+    """The motion next to one end of a standstill.
 
     Args:
-        rows: (n,); near: of them those that every window would take across the corner, (n,).
+        rows: (n,).
+        near: those of them that every window would take across the corner, (n,).
         rate, acceleration: per sample and per sample squared, (n,).
-        variance: of the rate, bending: of the acceleration, rad2, (n,).
+        variance: of the rate, rad2, (n,).
+        bending: of the acceleration, rad2, (n,).
     """
 
     rows: Index
@@ -51,10 +51,13 @@ class Side:
     one.
 
     Args:
-        time: samples, (n,); angle: (n,).
-        last: row of the rest's last sample, (k,); rows: how many it has, (k,).
+        time: samples, (n,).
+        angle: rad, (n,).
+        last: row of the standstill's last sample, (k,).
+        rows: number of its samples, (k,).
         end: first row after the move, (k,).
-        level, slope: of the rest at its last sample, rad, and of the turn per sample, (k,).
+        level: of the standstill at its last sample, rad, (k,).
+        slope: of the turn, rad per sample, (k,).
         variance: of the slope, rad2, (k,).
         noise: standard deviation of the angle at each stamp, rad, (n,).
     """
@@ -69,9 +72,9 @@ class Side:
     variance: Array
     noise: Array
 
-    def beside(self, which: Index, rows: Index) -> tuple[Array, Array]:
-        """Time since the last sample of some rests, samples, and the angle beyond their lines
-        there, rad. which: (k,); rows: (k, n).
+    def relative(self, which: Index, rows: Index) -> tuple[Array, Array]:
+        """Time since the last sample of some standstills, samples, and the angle relative to their
+        lines there, rad. which: (k,); rows: (k, n).
         """
         time = self.time[rows] - self.time[self.last[which], None]
         line = self.level[which, None] + self.slope[which, None] * time
@@ -84,7 +87,8 @@ def side_of(
     """The moves that leave a standstill or a steady turn.
 
     Args:
-        time: samples, increasing, (n,). angle: rad, (n,).
+        time: samples, increasing, (n,).
+        angle: rad, (n,).
         still, steady: rows of standstills and of steady turns, (n,).
         noise: standard deviation of the angle at each stamp, rad, (n,).
         parted: first rows after pauses of the log.
@@ -98,11 +102,11 @@ def side_of(
     first, after = first[kind[first] > 0], after[kind[first] > 0]
     limits = np.append(parted, n)
     end = np.minimum(np.append(first[1:], n), limits[np.searchsorted(limits, after)])
-    least = np.where(kind[first] == 2, REST[0], TURN)
+    least = np.where(kind[first] == 2, STANDSTILL[0], TURN)
     left = np.flatnonzero((after < end) & (after - first >= least))
     lines = np.zeros((len(left), 3))
     for k, row in enumerate(left):
-        last = slice(max(first[row], after[row] - REST[1]), after[row])
+        last = slice(max(first[row], after[row] - STANDSTILL[1]), after[row])
         turns = kind[first[row]] == 1
         lines[k] = _line(time[last] - time[after[row] - 1], angle[last], noise[last], turns)
     rows = (after - first)[left]
@@ -111,7 +115,7 @@ def side_of(
 
 
 def _line(time: Array, angle: Array, noise: Array, turns: bool) -> tuple[float, float, float]:
-    """Level at no time and slope of a standstill, where that is none, or of a steady turn, and the
+    """Level at time zero and slope of a standstill, whose slope is 0, or of a steady turn, and the
     variance of the slope. time: (n,).
     """
     if not turns:
@@ -140,17 +144,18 @@ def instants(
     refused: float,
     earliest: int = EARLIEST,
 ) -> tuple[Array, Array]:
-    """The instant at which each of these moves leaves its rest, samples, (k,), and by how many
-    sigma the course leaves more than the noise, (k,): infinite where it has no such instant.
+    """The instant at which each of these moves begins, samples, (k,), and by how many sigma the
+    residuals of the course exceed the noise, (k,): infinite where it has no such instant.
 
     Args:
         side, which: the moves, (k,).
-        width: samples after the rest to fit; earliest: sample at which the search begins.
+        width: samples after the standstill to fit.
+        earliest: sample at which the search begins.
         powers: of the time since the instant.
-        refused: sigma beyond which no course is used; its instant is told roughly.
+        refused: sigma beyond which no course is used; its instant is estimated roughly.
     """
     rows = side.last[which, None] + np.arange(earliest, width + 1)
-    time, beyond = side.beside(which, rows)
+    time, beyond = side.relative(which, rows)
     weight = 1 / side.noise[rows]
     y = weight * beyond
     instant, least = np.zeros(len(which)), np.zeros(len(which))
@@ -168,7 +173,7 @@ def instants(
         rise = left[each, [np.maximum(at - 1, 0), np.minimum(at + 1, last)]].max(axis=0)
         rise -= least[unsettled]
         moving = (t > instant[unsettled, None]).sum(axis=1)
-        noise = len(rows[0]) - moving  # the rest has its own share of it
+        noise = len(rows[0]) - moving  # the standstill has its own share of it
         off[unsettled] = _beyond(least[unsettled] - noise, moving - len(powers) - 1)
         may_be = _beyond(least[unsettled] - rise - noise, moving - len(powers) - 1) <= refused
         if zoom == 0:
@@ -207,8 +212,8 @@ def _left(u: Array, y: Array, weight: Array, powers: tuple[float, ...]) -> Array
     c = np.linalg.solve(
         gram, np.stack([(column @ y[:, :, None])[..., 0] for column in columns], axis=-1)[..., None]
     )[..., 0]
-    standstill = y[:, None, :] - sum(c[..., i, None] * column for i, column in enumerate(columns))
-    return _along(standstill, standstill)
+    residual = y[:, None, :] - sum(c[..., i, None] * column for i, column in enumerate(columns))
+    return _along(residual, residual)
 
 
 def _powers(u: Array, powers: tuple[float, ...]) -> list[Array]:
@@ -236,9 +241,9 @@ def _along(one: Array, other: Array) -> Array:
 
 
 def corner_at(side: Side, k: int, width: int, powers: tuple[float, ...], instant: float) -> Corner:
-    """The motion in addition to the k-th end, by its course from an instant on, samples."""
+    """The motion next to the k-th end, by its course from an instant on, samples."""
     rows = side.last[k] + np.arange(EARLIEST, width + 1)
-    time, beyond = side.beside(np.array([k]), rows[None])
+    time, beyond = side.relative(np.array([k]), rows[None])
     since = time[0] - instant
     u = np.maximum(since, 0.0)
     noise = side.noise[rows]
@@ -256,7 +261,7 @@ def _errors(
     u: Array, c: Array, noise: Array, powers: tuple[float, ...], left: Array
 ) -> tuple[Array, Array]:
     """Expected squares of the errors of the rate and of the acceleration, (n,) each: the variance,
-    and the square of the bias, told from what a course with one power more has (Ruppert, J. Am.
+    and the square of the bias, estimated from a course with one power more (Ruppert, J. Am.
     Stat. Assoc. 92, 1997). left: of the course's fit, in units of the noise, (n,).
     """
     mine = _maps(u, c, noise, powers)

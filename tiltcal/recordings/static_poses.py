@@ -21,7 +21,7 @@ from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltcal.statistics.dwell_noise import pooled_noise, rounding_variance
 
-CODED = 20_000  # samples of a stretch that tell the codes
+GRID_SAMPLES = 20_000  # samples of a stretch from which the LSB is determined
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Poses:
         stated: where ``up`` comes from: readout, label or nothing.
         slopes: of a straight line through each dwell, SI a second, (m, k); NaN where only means
             are known.
-        rounding: variance of a mean that coarse quantisation leave however long it is taken, SI,
+        rounding: variance of a mean that coarse quantisation leaves however long it is taken, SI,
             (m, k).
     """
 
@@ -137,7 +137,8 @@ def find_poses(
         spread,
         stated,
         np.array([_slope(c, s.end - s.start) for c, s in zip(chunks, kept, strict=True)]),
-        rounding_variance(_codes(readings, slices, sensor, setup), residuals, means) * spread**2,
+        rounding_variance(_quantisation(readings, slices, sensor, setup), residuals, means)
+        * spread**2,
     )
 
 
@@ -188,22 +189,22 @@ def _slices(found: Sequence[Segment], rows: Rows, source: str) -> tuple[list[Seg
     return kept, slices
 
 
-def _codes(readings: Array, slices: Sequence[slice], sensor: Sensor, setup: Setup) -> Array:
-    """Code widths of the channels in the sensing form, 0 where the readings lie on no grid, (k,).
+def _quantisation(readings: Array, slices: Sequence[slice], sensor: Sensor, setup: Setup) -> Array:
+    """LSB of the channels in the sensing form, 0 where the readings lie on no grid, (k,).
 
     By the dwells, or by the whole log where the readings hardly change in a dwell.
 
     Args:
         readings: as recorded, SI, (n, k).
         slices: the dwells.
-        sensor, setup: an inclinometer's codes are those of an angle.
+        sensor, setup: the LSB of an inclinometer is that of an angle.
     """
     factor = setup.site.gravity if sensor.kind == "inclinometer" else 1.0
     widths = []
     for column in readings.T:
-        found = [w for s in slices if (w := lsb_grid(column[s][:CODED]))]
-        code = float(np.median(found)) if found else lsb_grid(column[:CODED])
-        widths.append(factor * (code or 0.0))
+        found = [w for s in slices if (w := lsb_grid(column[s][:GRID_SAMPLES]))]
+        lsb = float(np.median(found)) if found else lsb_grid(column[:GRID_SAMPLES])
+        widths.append(factor * (lsb or 0.0))
     return np.array(widths)
 
 

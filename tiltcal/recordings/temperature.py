@@ -1,4 +1,4 @@
-"""A temperature column without its rounding: a smooth course that its quantisation steps allow."""
+"""A temperature column without its rounding: a smooth course within its quantisation."""
 
 from collections.abc import Callable
 
@@ -15,9 +15,9 @@ EXACT = 1e-6  # of the span: a course known better than that was computed
 def smooth_temperature(time: Array, values: Array) -> Array:
     """A temperature column without its rounding and noise, degC, (n,).
 
-    The smoothest cubic spline whose residual is that of the codes and of the noise from reading to
-    reading. Only so does a rate of warming mean anything: a code of 0.01 K read each second jumps
-    by more than any room does.
+    The smoothest cubic spline whose residual is that of the quantisation and of the noise from
+    reading to reading. Only so does a temperature rate mean anything: an LSB of 0.01 K read each
+    second jumps by more than any laboratory does.
 
     Args:
         time: stamps, s, (n,).
@@ -39,7 +39,7 @@ def smooth_temperature(time: Array, values: Array) -> Array:
     )
     inside, reach = np.clip(time, t[0], t[-1]), float(np.median(np.diff(t)))
     slope = (spline(inside + reach / 100) - spline(inside - reach / 100)) / (reach / 50)
-    # held at once, its rate would jump, as no room's does
+    # held at once, its rate would jump, as no laboratory's does
     return spline(inside) + slope * np.clip(time - inside, -reach, reach)
 
 
@@ -47,32 +47,32 @@ def _level(T: Array, block: int) -> float:
     """Standard deviation of rounding and noise in a mean of ``block`` readings; 0 for a course that
     was computed.
 
-    Rounding does not average: the temperature stays on one code for long.
+    Rounding does not average: the temperature stays at one value for long.
     """
     if len(T) < 16:
         return 0.0
     second = np.diff(T, 2)
-    code, noise = lsb_width(T), second_difference_noise(T)
+    lsb, noise = lsb_width(T), second_difference_noise(T)
     # the steps of a computed ramp are all alike
-    rounded = float(np.sqrt(np.mean(second**2))) > 1e-3 * code
-    return float(np.hypot(code / np.sqrt(12) if rounded else 0.0, noise / np.sqrt(block)))
+    rounded = float(np.sqrt(np.mean(second**2))) > 1e-3 * lsb
+    return float(np.hypot(lsb / np.sqrt(12) if rounded else 0.0, noise / np.sqrt(block)))
 
 
 def _smoothest(t: Array, T: Array, level: float) -> Callable[[Array], Array]:
     """The smoothest course within ``level`` rms of the readings, at both ends as well as all along.
 
-    A cubic is taken off first: the spline is straight at its ends, which no room is.
+    A cubic is taken off first: the spline is straight at its ends, which no laboratory is.
     """
     from scipy.interpolate import make_smoothing_spline
 
     trend = np.polynomial.Polynomial.fit(t, T, 3)
-    standstill = T - trend(t)
+    residual = T - trend(t)
     low, high = -12.0, 16.0  # decades
-    best = make_smoothing_spline(t, standstill, lam=10.0**low)
+    best = make_smoothing_spline(t, residual, lam=10.0**low)
     while high - low > 0.1:
         middle = (low + high) / 2
-        trial = make_smoothing_spline(t, standstill, lam=10.0**middle)
-        if _within(trial(t) - standstill, level):
+        trial = make_smoothing_spline(t, residual, lam=10.0**middle)
+        if _within(trial(t) - residual, level):
             best, low = trial, middle
         else:
             high = middle

@@ -242,7 +242,9 @@ def _beyond_seen(effects: list[Effect]) -> list[Effect]:
     """
     if isinstance(effects[0], Learned):
         return effects
-    return [replace(e, holds=True) if isinstance(e, Learned) and e.goes_on else e for e in effects]
+    return [
+        replace(e, holds=True) if isinstance(e, Learned) and e.extrapolates else e for e in effects
+    ]
 
 
 def _dated(fitted: FittedModel, k: int, recording: Recording) -> Effect:

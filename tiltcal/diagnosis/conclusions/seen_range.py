@@ -89,7 +89,7 @@ def seen_range(effect: Learned, observations: Observations) -> SeenRange | None:
 def _beyond(effect: Learned, observations: Observations) -> Beyond:
     if is_history(effect, observations):
         return "left_out"
-    if effect.goes_on or effect.power:
+    if effect.extrapolates or effect.power:
         return "continues"
     return "holds" if effect.knots and not effect.period else "repeats"
 

@@ -18,7 +18,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import PRIOR
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
-from tiltcal.effects.curve_coordinates import TURN_RATE, WAY
+from tiltcal.effects.curve_coordinates import LAST_DIRECTION, TURN_RATE
 from tiltcal.effects.curve_products import ORDERS
 from tiltcal.effects.learned import Learned, LearnedDelay, LearnedReadout, LearnedTilt
 from tiltcal.setup.setup import Rig, Setup
@@ -230,8 +230,8 @@ def _factor(times: str) -> str:
     """What a curve is multiplied by, in words."""
     if axis := axis_of(times):
         return f"the {axis} angle"
-    if times.startswith(WAY):
-        return f"which way the {times.removeprefix(WAY)} angle last went"
+    if times.startswith(LAST_DIRECTION):
+        return f"which way the {times.removeprefix(LAST_DIRECTION)} angle last went"
     if times.startswith(TURN_RATE):
         return _rate_of(times)
     if times in ("temperature", "time"):

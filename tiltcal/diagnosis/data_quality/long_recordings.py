@@ -94,7 +94,7 @@ def read_long(
     if any(isinstance(f.effect, OF_SAMPLES) for f in prepared.faults) or not kept(
         prepared, spans.samples
     ):
-        return read_beginning(path, f"what they show would be lost in averages over {spans.words}")
+        return read_beginning(path, f"what they show would be lost in averages over {spans.text}")
     stages, rows = Stages(progress, SHARES), estimated_rows(path)
     left_out: list[LeftOut] = []
     stages.begin(AVERAGING)

@@ -32,7 +32,7 @@ from tiltcal.diagnosis.hypotheses.motion_curves import (
 )
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
-from tiltcal.effects.curve_coordinates import BEGUN, WAY
+from tiltcal.effects.curve_coordinates import BEGUN, LAST_DIRECTION
 from tiltcal.effects.curve_products import ORDERS
 from tiltcal.effects.hysteresis_and_lag import LAGS
 from tiltcal.effects.learned import (
@@ -113,7 +113,7 @@ def tilt_law(slot: str, coordinate: str) -> str | None:
 
 def _late_tilts(span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Tilts of frames that follow temperature late."""
-    laws = [c for c in CATALOGUE.values() if c.felt_late and c.family.tilt]
+    laws = [c for c in CATALOGUE.values() if c.lags_thermometer and c.family.tilt]
     for cls, turn, lag in product(laws, "xyz", LAGS):
         for slot, coordinate in cls.family.tilt:
             if not (knots := even_knots(coordinate, span, 3)):
@@ -230,7 +230,7 @@ def _felt_late(sensor: Sensor, axis: str) -> list[tuple[str, str, dict[str, Any]
 
     An accelerometer's late rate is not among them: its temperature is late by minutes.
     """
-    laws = [c for c in CATALOGUE.values() if c.felt_late and c.senses(sensor.kind)]
+    laws = [c for c in CATALOGUE.values() if c.lags_thermometer and c.senses(sensor.kind)]
     others: list[dict[str, Any]] = [{"times": f"force_{a}"} for a in "xyz" if a != axis]
     return [
         (cls.id, coordinate, where)
@@ -451,7 +451,9 @@ def _varying_errors_of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypoth
             yield curve_over(LearnedReadout, coordinate, knots, axis=axis, place="table")
     factors = ["temperature", "time", "speed", *(angle_channel(axis) for axis in rig.axis_names)]
     known = [(axis, f, 2) for axis, f in product(turning, factors) if even_knots(f, span, 2)]
-    known += [(axis, f"{WAY}{axis}", 4) for axis in turning if span_of(axis, span) > BEGUN]
+    known += [
+        (axis, f"{LAST_DIRECTION}{axis}", 4) for axis in turning if span_of(axis, span) > BEGUN
+    ]
     for axis, factor, orders in known:
         over: dict[str, Any] = {"place": "table", "times": factor}
         coordinate, count = angle_channel(axis), harmonics(orders)

@@ -183,7 +183,7 @@ def _eligible(cls: type[Effect], scenario: Scenario) -> bool:
         cls.has_column()
         and cls.shows_on(scenario.rig)
         and _told_on(cls, scenario)
-        and not cls.same_law_as
+        and not cls.same_form_as
         and not cls.acts_from_an_instant
         and cls.form != "unknown"
     )

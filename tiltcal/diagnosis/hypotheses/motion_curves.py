@@ -23,7 +23,7 @@ from tiltcal.diagnosis.hypotheses.curve_forms import (
     spread_knots,
 )
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.effects.curve_coordinates import BEGUN, TURN_RATE, WAY
+from tiltcal.effects.curve_coordinates import BEGUN, LAST_DIRECTION, TURN_RATE
 from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.setup.sensor import Sensor
@@ -75,7 +75,7 @@ def motion_of_readings(
         yield _played(LearnedReading, coordinate, travel, where)
     for name, per_input in product(rig.kind.turning, (False, True)):
         if span_of(name, span) > BEGUN:
-            one_way = {"times": f"{WAY}{name}", "per_input": per_input, **where}
+            one_way = {"times": f"{LAST_DIRECTION}{name}", "per_input": per_input, **where}
             yield curve_over(LearnedReading, angle_channel(name), harmonics(3), **one_way)
     if knots := even_knots("braking", span, 7):
         yield curve_over(LearnedReading, "braking", knots, **where)

@@ -35,7 +35,7 @@ from tiltcal.diagnosis.investigation.rival_hypotheses import Question, questions
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.segmentation import resting_rows
+from tiltcal.recordings.segmentation import standstill_rows
 
 
 def open_questions(
@@ -259,7 +259,7 @@ def poses_of(recording: Recording, scenario: Scenario) -> tuple[tuple[float, ...
     places = np.column_stack(read)
     there = ~np.isnan(places).any(axis=1)
     places, time = places[there], recording.time[there]
-    rest = resting_rows(time, places)
+    rest = standstill_rows(time, places)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], rest.astype(int), [0]])))
     sizes = np.array([table.size(n) for n in table.axis_names])
     middles = [

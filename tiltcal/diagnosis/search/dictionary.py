@@ -98,13 +98,13 @@ def extend_dictionary(state: State, known: SpectralLines) -> bool:
     fitted, whitened = state.fitted, state.whitened
     columns, observations = whitened.columns, whitened.observations
     width = 1 / float(np.ptp(observations.recordings[0].time))
-    new = spectral_lines_of(observations, fitted).beside(known, width)
+    new = spectral_lines_of(observations, fitted).without(known, width)
     if not fitted.terms:
         new = replace(
             new,
             tones=(
                 *new.tones,
-                *SpectralLines(wandering_of(observations, fitted)).beside(known, width).tones,
+                *SpectralLines(wandering_of(observations, fitted)).without(known, width).tones,
             ),
         )
     before = len(columns.hypotheses)

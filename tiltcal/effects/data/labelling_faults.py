@@ -32,7 +32,7 @@ class DataUnit(ColumnFault):
     order = 96
     title = "wrong unit"
     parameters = (Parameter("factor", "unitless", (9.80665, 57.29578, 1000), positive=True),)
-    physics = "The column says one unit and holds another."
+    physics = "The column is labelled with one unit and contains another."
     equation = "reading *= factor (0: none)"
     source = "Physics: Timing and data"
     excited_by = "any recording"

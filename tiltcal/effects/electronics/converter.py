@@ -47,7 +47,7 @@ class AdcGainError(PerChannel):
     excited_by = "any input"
     look = "one with the scale factor until the gain is switched"
     linear = True
-    same_law_as = "acc_scale"
+    same_form_as = "acc_scale"
 
     def change(self, u: Array, value: float, sense: Sense) -> Array:
         return u * (1 + value)

@@ -62,7 +62,7 @@ class SupplyRatiometric(SignalEffect):
     excited_by = "time on loaded channels"
     look = "a gain that ramps, the same on every channel"
     linear = True
-    same_law_as = "reference_drift"
+    same_form_as = "reference_drift"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         return (
@@ -86,4 +86,4 @@ class AdcOffsetDrift(FollowsTemperature):
     source = "IEEE 1241; Physics: Electronics"
     excited_by = "a temperature change"
     look = "one with the sensor's own bias drift until the input is shorted"
-    same_law_as = "acc_temp_bias"
+    same_form_as = "acc_temp_bias"

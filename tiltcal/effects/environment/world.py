@@ -38,8 +38,8 @@ class EarthRate(WorldEffect):
     title = "Earth's rotation left out of the gyro model"
     parameters = (Parameter("rate_error", "unitless", (1, 1, 1)),)
     physics = (
-        "Gyros sense rotation against inertial space; the nominal model holds Earth's rate, this is"
-        " a deviation from it."
+        "Gyros sense rotation against inertial space; the nominal model includes Earth's rate, this"
+        " is a deviation from it."
     )
     equation = "w = w_table + (1 + e) R_bw W_e"
     source = "WGS 84; Physics: Environment"
@@ -60,8 +60,8 @@ class EarthCoriolis(WorldEffect):
     title = "Coriolis acceleration of a moving lever arm"
     parameters = (Parameter("coriolis_error", "unitless", (1, 1, 1)),)
     physics = (
-        "A sensor that moves on the rotating Earth senses 2 W x v; the nominal model holds it, this"
-        " is a deviation."
+        "A sensor that moves on the rotating Earth senses 2 W x v; the nominal model includes it,"
+        " this is a deviation."
     )
     equation = "f += e R_bw (2 W_e x v + W_e x (W_e x r))"
     source = "Titterton and Weston 2004; Physics: Environment"

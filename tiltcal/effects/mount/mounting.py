@@ -80,7 +80,7 @@ class MountThermalTilt(FrameEffect):
     look = "follows T, turns with the pose, norm unchanged"
     linear = True
     family = Family(tilt=(("mount", "temperature"),))
-    felt_late = True
+    lags_thermometer = True
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount":
@@ -161,7 +161,7 @@ class MountResonance(FrameEffect):
     source = "Piersol and Paez 2009; Physics: Mount"
     excited_by = "the first samples after each move"
     look = "a decaying tone in body axes, whichever table axis moved"
-    same_law_as = "settling_transient"
+    same_form_as = "settling_transient"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount":
@@ -186,7 +186,7 @@ class RemountRepeatability(FrameEffect):
     stage = "mount"
     title = "orientation changes at each remount"
     parameters = (Parameter("sigma", "arcsec", (3, 60, 360), positive=True),)
-    physics = "Screws and dowels place the instrument a little differently each time."
+    physics = "Screws and dowels seat the instrument a little differently each time."
     equation = "R_mount gains a rotation N(0, sigma) about each axis, new at each mounting"
     source = "Physics: Mount"
     excited_by = "remounts"

@@ -7,7 +7,8 @@ from tiltcal.effects.base import TermEffect
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.sense import Sense
 
-PLACE = {"x": 1, "y": 2, "z": 0}  # the x accelerometer is displaced along y, y along z, z along x
+# the x accelerometer is displaced along y, y along z, z along x
+DISPLACED_ALONG = {"x": 1, "y": 2, "z": 0}
 
 
 class TriadSizeEffect(TermEffect):
@@ -33,7 +34,7 @@ class TriadSizeEffect(TermEffect):
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         axis = name[-1]
         i, r = "xyz".index(axis), np.zeros(3)
-        r[PLACE[axis]] = 1.0
+        r[DISPLACED_ALONG[axis]] = 1.0
         w = sense.rate
-        felt = np.cross(sense.angular_acceleration, r) + np.cross(w, np.cross(w, r))
-        return self.channel_of(axis, sense), felt[:, i]
+        sensed = np.cross(sense.angular_acceleration, r) + np.cross(w, np.cross(w, r))
+        return self.channel_of(axis, sense), sensed[:, i]

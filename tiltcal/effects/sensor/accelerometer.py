@@ -18,7 +18,7 @@ from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.traits import Family
 
 WIDTH = Parameter("width", "unitless", (0.2, 0.2, 0.2), positive=True, shape=True)
-"""In g, of what a functional form does about zero force; 0: sharp."""
+"""In g, of the curve about zero force; 0: sharp."""
 WIDTHS = (0.0, 0.03, 0.06, 0.12)
 
 

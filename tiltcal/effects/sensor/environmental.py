@@ -64,7 +64,7 @@ class AccTempBias(FollowsTemperature):
     look = "follows the temperature record, the same in every pose"
     ordinary = True
     family = Family(reading=("temperature",))
-    felt_late = True
+    lags_thermometer = True
     distinguished_by = {
         "acc_drift": "take the temperature up and down again",
         "acc_warmup": "restart at a settled temperature",
@@ -88,7 +88,7 @@ class AccTempScale(TermEffect):
     look = "temperature times its own force"
     ordinary = True
     family = Family(scale=("temperature",))
-    felt_late = True
+    lags_thermometer = True
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         return (
@@ -156,7 +156,7 @@ class AccTempMisalign(TermEffect):
     excited_by = "a temperature change while the other axis is loaded"
     look = "temperature times the force of another axis"
     family = Family(across=("temperature",))
-    felt_late = True
+    lags_thermometer = True
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         return (
@@ -225,12 +225,12 @@ class AccHysteresis(SignalEffect):
         return [{"width": w, "rounded": r} for w, r in product(widths, (0.0, 1.0))]
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        law = rounded_play if self.value("rounded") else play
+        operator = rounded_play if self.value("rounded") else play
         for name, value in self.sizes.items():
             if value:
                 channel = TermEffect.channel_of(name[-1], sense)
                 if channel >= 0:
-                    reading[:, channel] += value * law(
+                    reading[:, channel] += value * operator(
                         sense.force[:, "xyz".index(name[-1])], self.value("width") * G0
                     )
         return reading

@@ -208,7 +208,7 @@ class GyrTemp(FollowsTemperature):
     look = "follows the temperature record, the same in every pose"
     ordinary = True
     family = Family(reading=("temperature",))
-    felt_late = True
+    lags_thermometer = True
 
 
 class FogShupe(FollowsWarming):
@@ -223,7 +223,7 @@ class FogShupe(FollowsWarming):
     excited_by = "a temperature ramp"
     look = "changes sign between heating and cooling"
     family = Family(reading=("warming",))
-    felt_late = True
+    lags_thermometer = True
 
 
 class FogAxisError(RowWiseTerm):

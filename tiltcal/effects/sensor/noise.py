@@ -118,7 +118,7 @@ class NoiseDraw:
 
 
 def _skipped(rng: np.random.Generator, n: int) -> np.random.Generator:
-    """The stream as it is, while the one given goes on by n normal numbers."""
+    """The stream as it is, while the one given advances by n normal numbers."""
     here = deepcopy(rng)
     for first in range(0, n, SKIP):
         rng.standard_normal(min(SKIP, n - first))
@@ -167,7 +167,7 @@ class Noise(SignalEffect):
 
 @dataclass(frozen=True)
 class NoiseInPieces(SignalEffect):
-    """Noise that goes on with each piece of a recording it is applied to.
+    """Noise that continues with each piece of a recording it is applied to.
 
     Args:
         draws: of each channel.

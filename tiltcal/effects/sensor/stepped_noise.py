@@ -8,19 +8,20 @@ from tiltcal.effects.stepwise import DrawnAhead, Rows, Stepping
 
 
 class SteppedNoise:
-    """Noise that goes on sample by sample, for many environments at once.
+    """Noise that continues sample by sample, for many environments at once.
 
     White noise has the numbers of ``draw_noise`` for the same stream. Flicker and walk, whose
     numbers follow there after those of the whole recording, have streams of their own: the same
-    statistics. An environment that begins again goes on in its streams; flicker starts stationary.
+    statistics. An environment that begins again continues in its streams; flicker starts
+    stationary.
 
     No reading has a part in it, so that it is computed a block of samples ahead.
 
     Args:
         stepping: sensor and streams.
         white, walk: as of ``draw_noise``.
-        flicker: standard deviation of each of its first-order processes; taus: their time
-            constants, s.
+        flicker: standard deviation of each of its first-order processes.
+        taus: their time constants, s.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The drive: where the axis stands against what was asked of it, at rest, while moving and just
+"""The drive: where the axis stands against the command, at standstill, while moving and just
 after.
 """
 
@@ -34,7 +34,7 @@ class ServoDroop(TableSag):
     look = "as sag, but visible in the encoder"
     size = "droop"
     ordinary = False
-    same_law_as = "table_sag"
+    same_form_as = "table_sag"
     seen_by_encoder = True
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
@@ -59,7 +59,7 @@ class TableUnbalance(AngleEffect):
     look = "sag with a phase; a payload change moves it"
     linear = True
     mechanised = True
-    same_law_as = "table_encoder_eccentricity"
+    same_form_as = "table_encoder_eccentricity"
     axis_by_gravity = True
     distinguished_by = {"table_sag": "change the payload's mass and position"}
 
@@ -120,12 +120,12 @@ class RateError(CableTorque):
     id = "rate_error"
     title = "rate scale or stability of the table"
     parameters = (Parameter("rate", "ppm", (10, 100, 10000)),)
-    physics = "The table's rate reference is off: every turn is longer or shorter than it says."
+    physics = "The table's rate reference is off: every turn is longer or shorter than commanded."
     equation = "true = readout (1 + e)"
     excited_by = "turning"
     look = "a common scale of all gyro axes; angle closure after whole turns shows it"
     source = "IEEE 1554; Physics: Table mechanics"
-    same_law_as = "cable_torque"
+    same_form_as = "cable_torque"
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return drive.axes[axis].scaled(self.value("rate"))
@@ -147,7 +147,7 @@ class ServoFrictionDeadband(AngleEffect):
     equation = (
         "the true angle stops width/2 short of the command, in the direction of the last motion"
         " (readout ="
-        " command); with a crossing, the play state of the command in place of the sign"
+        " command); with a crossing, the play state of the command instead of the sign"
     )
     source = "Armstrong-Helouvry et al. 1994; Physics: Table mechanics"
     excited_by = "approaching the same angle from both sides"
@@ -207,7 +207,7 @@ class ServoRipple(AngleEffect):
     source = "IEEE 1554; Physics: Table mechanics"
     excited_by = "turning, and stops at odd angles"
     look = "rate modulated at constant angle spacing; gyro and encoder both see it"
-    same_law_as = "table_encoder_sde"
+    same_form_as = "table_encoder_sde"
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         n = self.value("poles")

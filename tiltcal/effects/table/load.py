@@ -71,7 +71,7 @@ class LinkTilt(_OfModel):
     parameters = TILT
     axis_wise = True
     physics = (
-        "Two joints are not at the angle to each other that the model says, and all that follows"
+        "Two joints are not at the angle to each other that the model states, and all that follows"
         " is turned."
     )
     equation = "Rx(tilt_x) Ry(tilt_y) between a link and the next joint, in the joint's frame"
@@ -196,8 +196,8 @@ class Payload(LoadEffect):
         *(Parameter(f"com_{a}", "mm", (2, 10, 50)) for a in "xyz"),
     )
     physics = (
-        "A link is heavier than the model says, and its centre of mass lies elsewhere: the load of"
-        " all joints that carry it is another, and what bends under it bends otherwise."
+        "A link is heavier than the model states, and its centre of mass lies elsewhere: the load"
+        " of all joints that carry it is another, and what bends under it bends otherwise."
     )
     equation = (
         "mass of the link + mass, its centre of mass + com in the link's frame; seen through"

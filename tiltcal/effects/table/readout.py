@@ -1,4 +1,4 @@
-"""Errors of the angle readout, and what makes the axis stand elsewhere than it says."""
+"""Errors of the angle readout, and what makes the axis stand elsewhere than it reads."""
 
 from abc import abstractmethod
 
@@ -124,8 +124,8 @@ class SettingScatter(AngleEffect):
         drawn = rng.normal(
             0.0, self.value("sigma"), int(drive.stop.max()) + 1 if drive.stop.max() >= 0 else 1
         )
-        resting = drive.stop >= 0
-        knots = np.flatnonzero(resting)
+        still = drive.stop >= 0
+        knots = np.flatnonzero(still)
         if len(knots) == 0:
             return Jet(zero, zero, zero)
         offset = np.interp(np.arange(len(drive.time)), knots, drawn[drive.stop[knots]])
@@ -199,7 +199,7 @@ class TableBacklash(AngleEffect):
     )
     equation = (
         "true = readout - width/2 sign(last motion); with a crossing, the play state of the readout"
-        " in place of the sign"
+        " instead of the sign"
     )
     source = "Nordin and Gutman 2002; Physics: Table mechanics"
     excited_by = "approaching the same angle from both sides"

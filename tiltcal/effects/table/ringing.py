@@ -12,7 +12,7 @@ from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Drive, Jet, Standstills
 
 EARLY = Parameter("early", "s", (0.1, 0.1, 0.1), shape=True)
-"""How long before the end of a move, as the readout tells it, a structure is let go."""
+"""How long before the end of a move, by the readout, a structure is let go."""
 EIGHTHS = (-1 / 8, 1 / 8)
 """Of a period, by which ringing is looked for before and after: with either sign these are the four
 quadrants of its phase.
@@ -41,10 +41,10 @@ class SettlingTransient(AngleEffect):
 
     @classmethod
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
-        rings = product((1.0, 2.0, 3.0, 5.0, 8.0, 12.0), (0.15, 0.5, 1.5), EIGHTHS)
+        trials = product((1.0, 2.0, 3.0, 5.0, 8.0, 12.0), (0.15, 0.5, 1.5), EIGHTHS)
         return [
             {"frequency": f, "tau": t, "early": part / f}
-            for f, t, part in rings
+            for f, t, part in trials
             if f < 0.45 * span.rate_hz
         ]
 
@@ -64,12 +64,12 @@ def ringing(drive: Drive, amplitude: float, frequency: float, tau: float, early:
     rad; frequency: Hz; tau: s; early: s, by which it began before the end.
     """
     standstills = Standstills.at(drive.standstills, drive.time, drive.stop)
-    t, rings = (
+    t, active = (
         standstills.since(drive.time),
         standstills.contains(drive.time) & (np.cumsum(drive.stop < 0) > 0),
     )
     rate = -1 / tau + 2j * np.pi * frequency
-    wave = amplitude * np.exp(rate * np.where(rings, t + early, 0.0)) * rings
+    wave = amplitude * np.exp(rate * np.where(active, t + early, 0.0)) * active
     return Jet(
         *(np.asarray(part.real, dtype=float) for part in (wave, rate * wave, rate * rate * wave))
     )

@@ -1,4 +1,4 @@
-"""Stamps that do not tell when the signal was taken."""
+"""Stamps that differ from the instant at which the signal was taken."""
 
 import numpy as np
 

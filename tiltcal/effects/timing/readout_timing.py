@@ -1,4 +1,4 @@
-"""A readout that is late, or written less often than the sensors: what the reference does to the
+"""A readout that lags, or written less often than the sensors: what the reference does to the
 comparison.
 """
 
@@ -14,7 +14,7 @@ from tiltcal.setup.trajectory import Drive, Jet, sampled_jet
 from tiltcal.statistics.dwell_noise import ARITHMETIC, MAD_TO_SIGMA
 
 GROSS = 8.0  # sigma of the updates' own noise: beyond it the rate changes from one to the next
-BESIDE = 2
+AROUND = 2
 """Updates to either side of a change of the rate: the error of a cubic spline falls by 0.27 from
 one to the next.
 """
@@ -89,20 +89,20 @@ class ReadoutRate(WritingEffect):
         within = np.clip(time, time[rows[0]], time[rows[-1]])
         return np.asarray(CubicSpline(time[rows], written[rows])(within))
 
-    def untold(self, axis: str, time: Array, written: Array) -> Mask:
+    def undetermined(self, axis: str, time: Array, written: Array) -> Mask:
         rows = sent_rows(time, written, self.value("interval"))
         if len(rows) < 4:
             return np.zeros(len(time), bool)
         bend = np.abs(np.diff(written[rows], 2))
         bent = bend > max(GROSS * MAD_TO_SIGMA * float(np.median(bend)), ARITHMETIC)
-        wide = np.convolve(np.concatenate([[0], bent, [0]]), np.ones(2 * BESIDE + 1), "same") > 0
+        wide = np.convolve(np.concatenate([[0], bent, [0]]), np.ones(2 * AROUND + 1), "same") > 0
         update = np.clip(np.searchsorted(rows, np.arange(len(time)), side="right") - 1, 0, None)
         return np.asarray(wide[update])
 
 
 def sent_rows(time: Array, written: Array, interval: float) -> Index:
-    """Rows at which a held readout was new: where it changed, and at rest once an interval. time:
-    s, (n,); written: (n,); interval: s.
+    """Rows at which a held readout was new: where it changed, and at standstill once an interval.
+    time: s, (n,); written: (n,); interval: s.
     """
     step = float(np.median(np.diff(time)))
     new = np.flatnonzero(np.concatenate([[True], np.diff(written) != 0]))

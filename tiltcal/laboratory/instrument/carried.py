@@ -56,7 +56,7 @@ class CarriedInstrument:
         signal = [e for e in effects if isinstance(e, SignalEffect | DelayEffect)]
         self.setups = []
         self.instruments = []
-        for sensors in _by_place(scenario):
+        for sensors in _by_location(scenario):
             self.setups.append(scenario.seen_by(sensors[0]))
             part = fresh(scenario, sensor=sensors, sequence=())
             self.instruments.append(
@@ -127,10 +127,10 @@ class CarriedInstrument:
         return {sensor.name: found[sensor.name] for sensor in self.scenario.sensor}
 
 
-def _by_place(scenario: Scenario) -> list[tuple[Sensor, ...]]:
-    """The sensors that sit together."""
-    positions = list(dict.fromkeys(sensor.place for sensor in scenario.sensor))
-    return [tuple(s for s in scenario.sensor if s.place == position) for position in positions]
+def _by_location(scenario: Scenario) -> list[tuple[Sensor, ...]]:
+    """The sensors at one location, for each location."""
+    locations = list(dict.fromkeys(sensor.place for sensor in scenario.sensor))
+    return [tuple(s for s in scenario.sensor if s.place == location) for location in locations]
 
 
 def geometry_of(effects: Sequence[Effect], realised: Sequence[str] = ()) -> list[Effect]:

@@ -28,7 +28,8 @@ class History:
 
     Args:
         longest: delay that is asked for, steps.
-        rows: environments; width: numbers of an input.
+        rows: environments.
+        width: numbers of an input.
     """
 
     def __init__(self, longest: float, rows: int, width: int) -> None:
@@ -37,7 +38,7 @@ class History:
 
     def add(self, values: Array, begun: Index) -> None:
         """The inputs of a step, (rows, width); environments that have ``begun`` were always there:
-        they rested before.
+        they stood still before.
         """
         self.at = (self.at + 1) % len(self.inputs)
         self.inputs[self.at] = values
@@ -76,7 +77,8 @@ class Surroundings:
     """What every sensor of an instrument shares.
 
     Args:
-        scenario: site and climate; step_s: between samples of the motion, s.
+        scenario: site and climate.
+        step_s: between samples of the motion, s.
     """
 
     scenario: Scenario
@@ -105,9 +107,12 @@ class SensorChain:
     """One sensor on many environments.
 
     Args:
-        sensor: of the scenario; around: what it shares with the others.
-        effects: that act on it; rows: environments; seed: of the first environment, the next ones
-            have the next numbers; None: without random effects and quantisation.
+        sensor: of the scenario.
+        around: what it shares with the others.
+        effects: that act on it.
+        rows: environments.
+        seed: of the first environment, the next ones have the next numbers; None: without random
+            effects and quantisation.
 
     Raises:
         TiltcalError: an effect cannot act step by step.
@@ -137,9 +142,9 @@ class SensorChain:
             )
             for delay in dict.fromkeys(delays)
         }
-        self.laws = [e for e in signal if not e.random]
+        self.deterministic = [e for e in signal if not e.random]
         self.readings = np.full((rows, len(sensor.axes)), np.nan)
-        self._words = (
+        self._fixed = (
             sensor.axis_indices,
             sensor.kind,
             sensor.input_vector if sensor.kind == "fog" else np.zeros(3),
@@ -152,7 +157,7 @@ class SensorChain:
         """What the sensor senses, one environment a row. inputs: (n, 9); elapsed: s, (n,)."""
         force, rate, angular = inputs[:, :3], inputs[:, 3:6], inputs[:, 6:]
         nowhere, warmth = _nowhere(len(elapsed)), self.around.warmth(elapsed)
-        return Sense(elapsed, elapsed, force, rate, nowhere, nowhere, angular, warmth, *self._words)
+        return Sense(elapsed, elapsed, force, rate, nowhere, nowhere, angular, warmth, *self._fixed)
 
     @property
     def longest_s(self) -> float:
@@ -184,7 +189,7 @@ class SensorChain:
             self.sense(numbers[None], np.zeros(1)) for numbers in (given, np.ones(INPUT))
         )
         subject, lacking = f"sensor {self.sensor.name}", bool(np.isnan(known.true_input()).any())
-        for effect in self.laws:
+        for effect in self.deterministic:
             if not lacking:
                 some, full = (effect.apply(whole.true_input(), s, None) for s in (known, whole))
                 lacking = bool((np.isnan(some) & ~np.isnan(full)).any())

@@ -19,7 +19,7 @@ class Instrument:
     """The whole chain of errors that a scenario states, on the motion of any simulation.
 
     The readings are those of the laboratory for the same motion: the effects are the same, in the
-    same order. ``docs/instrument.md`` says where they differ.
+    same order. ``docs/instrument.md`` lists the differences.
 
     Args:
         scenario: its sensors and their effects; its table is not used.
@@ -57,7 +57,7 @@ class Instrument:
 
         Args:
             rows: environments, (envs,) bool; None: all.
-            seed: of all streams again, for all environments; None: they go on where they are. An
+            seed: of new streams for all environments; None: they continue where they are. An
                 instrument without random effects stays without.
         """
         if rows is None and seed is not None and self.random:

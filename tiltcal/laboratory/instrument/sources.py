@@ -12,7 +12,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.laboratory.scenario import Scenario
 
 Source = str | slice | Sequence[int] | Callable[[Any], Any]
-"""A key of a dict observation or the name of a MuJoCo sensor; places in a flat observation; or a
+"""A key of a dict observation or the name of a MuJoCo sensor; indices into a flat observation; or a
 function of the observation.
 """
 
@@ -31,27 +31,27 @@ def require_sources(scenario: Scenario, sources: Mapping[str, Source | None]) ->
             raise TiltcalError(
                 f"sensor {sensors[0].name}",
                 found=f"no `{name}` for it",
-                need=f"where the simulation holds the {name} that it senses",
+                need=f"where the simulation has the {name} that it senses",
                 do=f"give {name} = a key, a slice, a function or the name of a MuJoCo sensor",
             )
 
 
-def place(source: Source, observation_is_dict: bool) -> Any | None:
-    """The key or places in an observation; None where the source is elsewhere."""
+def index_of(source: Source, observation_is_dict: bool) -> Any | None:
+    """The key or the indices into an observation; None where the source is elsewhere."""
     if callable(source) or (isinstance(source, str) and not observation_is_dict):
         return None
     return source if isinstance(source, str | slice) else list(source)
 
 
 def taken(observation: Any, where: Any) -> Array:
-    """What an observation holds at a place, (..., 3)."""
+    """The values of an observation at a key or at indices, (..., 3)."""
     if isinstance(where, str):
         return np.asarray(observation[where], float)
     return np.asarray(observation, float)[..., where]
 
 
 def put(observation: Any, where: Any, values: Array) -> Any:
-    """A copy of the observation with other values at a place. values: (k,)."""
+    """A copy of the observation with other values at a key or at indices. values: (k,)."""
     if isinstance(where, str):
         kind = np.asarray(observation[where]).dtype
         return {**observation, where: values.astype(kind)}
@@ -81,7 +81,8 @@ class ModelSensor:
     """A sensor of a MuJoCo model: where it stands in ``sensordata``.
 
     Args:
-        model: MjModel; name: of the sensor.
+        model: MjModel.
+        name: of the sensor.
 
     Raises:
         TiltcalError: there is none of that name.

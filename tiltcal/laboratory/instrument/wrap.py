@@ -15,7 +15,7 @@ from tiltcal.laboratory.instrument.instrument import Instrument
 from tiltcal.laboratory.instrument.sources import (
     ModelSensor,
     Source,
-    place,
+    index_of,
     put,
     require_sources,
     taken,
@@ -28,13 +28,14 @@ Observe = Callable[[Any, dict[str, Array]], Any]
 
 
 class Fitting:
-    """An instrument and the places where it takes its inputs and leaves its readings.
+    """An instrument and the keys or indices of its inputs and of its readings in an observation.
 
     Args:
-        env: single or vectorised; instrument: what reads.
+        env: single or vectorised.
+        instrument: what reads.
         sources: where ``force`` and ``rate`` are found.
         observe: what becomes of the observation; None: the readings of the first accelerometer and
-            the first gyro take the places of force and rate, where these are in the observation.
+            the first gyro replace force and rate, where these are in the observation.
     """
 
     def __init__(
@@ -49,17 +50,17 @@ class Fitting:
         many = isinstance(env, VectorEnv)
         space = env.single_observation_space if many else env.observation_space
         is_dict = isinstance(space, gymnasium.spaces.Dict)
-        self.places = {n: place(s, is_dict) for n, s in sources.items() if s is not None}
+        self.indices = {n: index_of(s, is_dict) for n, s in sources.items() if s is not None}
         self.inputs = {n: self._input(n, s) for n, s in sources.items() if s is not None}
         kinds = {"force": "accelerometer", "rate": "gyro"}
         self.pairs = [
             (where, sensors[0])
-            for name, where in self.places.items()
+            for name, where in self.indices.items()
             if where is not None and (sensors := instrument.scenario.sensors(kinds[name]))
         ]
 
     def _input(self, name: str, source: Source) -> Callable[[Any], Array]:
-        where = self.places[name]
+        where = self.indices[name]
         if where is not None:
             return lambda observation: triad(taken(observation, where), name)
         if callable(source):
@@ -138,7 +139,7 @@ class InstrumentedVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         return observation, {**info, "readings": readings}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """One step, and one sample of each; an episode that starts again switches its instrument
+        """One step, and one sample of each; an episode that begins again switches its instrument
         on.
         """
         observation, reward, over, cut, info = self.env.step(actions)
@@ -209,14 +210,14 @@ def wrap(
     Args:
         target: a Gymnasium environment, a Gymnasium vector environment, or an MjModel.
         scenario: sensors and their effects.
-        force: specific force at the sensors, body frame, m/s2: a key of a dict observation, places
-            (a slice or numbers) in a flat one, a function of the observation that returns (..., 3),
-            or the name of a MuJoCo accelerometer.
+        force: specific force at the sensors, body frame, m/s2: a key of a dict observation, indices
+            (a slice or numbers) into a flat one, a function of the observation that returns (...,
+            3), or the name of a MuJoCo accelerometer.
         rate: angular rate against inertial space, body frame, rad/s: alike; of a MuJoCo gyro.
-        observe: (observation, SI readings by sensor name) -> observation. Without it readings take
-            the places of force and rate; they stand in ``info["readings"]`` in any case.
+        observe: (observation, SI readings by sensor name) -> observation. Without it readings
+            replace force and rate; they stand in ``info["readings"]`` in any case.
         step_s: between observations; None: the environment's ``dt``, the model's time step.
-        envs: of an MjModel, states that are read together; an environment says it itself.
+        envs: of an MjModel, states that are read together; an environment states it itself.
         seed: of the random effects; environment k has seed + k. None: without them and without
             quantisation.
         lost: what stands for a lost sample: the last one, or NaN.

@@ -23,8 +23,10 @@ class Piece:
     that the acceleration begins and ends at zero.
 
     Args:
-        start: s; x, v: there, rad, rad/s, or m, m/s of an axis that slides; change: of the rate;
-            length: s.
+        start: s.
+        x, v: there, rad, rad/s, or m, m/s of an axis that slides.
+        change: of the rate.
+        length: s.
     """
 
     start: float
@@ -40,10 +42,12 @@ class AxisDrive:
 
     Args:
         mode: off holds still.
-        rate, acceleration: largest; low, high: limits of the readout.
-        stuck: it does not move; slip: true place minus readout.
-        demand: place or rate that was last asked for.
-        pieces: of its motion, the last one goes on.
+        rate, acceleration: largest.
+        low, high: limits of the readout.
+        stuck: it does not move.
+        slip: true position minus readout.
+        demand: position or rate that was last asked for.
+        pieces: of its motion, the last one continues.
         unit: of commands and frames: a deg or a mm.
     """
 
@@ -68,7 +72,7 @@ class AxisDrive:
         return cls(rate=SLIDE_RATE, acceleration=SLIDE_ACCELERATION, low=low, high=high, unit=unit)
 
     def jet(self, time: Array) -> Jet:
-        """Place, rate and acceleration at these times, s, none of them past, rad or m, (n,)."""
+        """Position, rate and acceleration at these times, s, none of them past, rad or m, (n,)."""
         starts = np.array([p.start for p in self.pieces])
         which = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, None)
         names = ("x", "v", "change", "length")
@@ -84,7 +88,7 @@ class AxisDrive:
         )
 
     def at(self, time: float) -> tuple[float, float, float]:
-        """Place, rate and acceleration now, rad or m; time: s."""
+        """Position, rate and acceleration now, rad or m; time: s."""
         jet = self.jet(np.array([time]))
         return tuple(float(np.asarray(part)[0]) for part in (jet.x, jet.v, jet.a))  # type: ignore[return-value]
 
@@ -93,7 +97,7 @@ class AxisDrive:
         return self.pieces[-1].v != 0 or time < self.pieces[-1].start
 
     def stop(self, time: float) -> None:
-        """Come to rest as fast as the limit allows. time: s."""
+        """Come to a standstill as fast as the limit allows. time: s."""
         self._follow(time, 0.0)
 
     def turn(self, time: float, rate: float) -> None:
@@ -103,20 +107,20 @@ class AxisDrive:
             self._follow(time, max(-self.rate, min(self.rate, rate)))
 
     def go(self, time: float, position: float) -> None:
-        """Go to a place, rad or m, by a smooth trapezoid of the rate and rest there; time: s."""
+        """Go to a position, rad or m, by a smooth trapezoid of the rate and stop there; time: s."""
         self.demand = position
         if self.stuck:
             return
         self._follow(time, 0.0)
         last = self.pieces[-1]
-        way = position - last.x
-        if way == 0:
+        distance = position - last.x
+        if distance == 0:
             return
-        sign, mean = (1.0 if way > 0 else -1.0), self.acceleration / 2
-        peak = min(self.rate, sqrt(mean * abs(way)))
+        sign, mean = (1.0 if distance > 0 else -1.0), self.acceleration / 2
+        peak = min(self.rate, sqrt(mean * abs(distance)))
         ramp = peak / mean
         self._extend(ramp, sign * peak)
-        self._extend(abs(way) / peak - ramp, 0.0)
+        self._extend(abs(distance) / peak - ramp, 0.0)
         self._extend(ramp, -sign * peak)
         self.pieces[-1] = Piece(self.pieces[-1].start, position, 0.0)
 
@@ -127,7 +131,7 @@ class AxisDrive:
         self.stuck = stuck
 
     def hold(self, time: float, position: float) -> None:
-        """Rest at a place from an instant on, s."""
+        """Stand still at a position from an instant on, s."""
         self.pieces = [Piece(time, position, 0.0)]
 
     def _follow(self, time: float, rate: float) -> None:

@@ -14,7 +14,7 @@ from tiltcal.setup.tables import CHANNEL
 
 PATIENCE_S = 30.0  # of the wall clock, for an answer or a frame
 BUFFER = 8192  # bytes of frames that wait to be read: the table is hardly ahead of its reader
-LEAD_S = 1.0  # of rest before the first step
+LEAD_S = 1.0  # of standstill before the first step
 ASK = 10  # frames between two questions whether it still moves
 ARRIVED = 0.01  # deg or mm: an axis further from its target has not obeyed
 MOVING = 1  # bit of the status byte
@@ -125,7 +125,8 @@ class SequenceRecorder:
     """Runs a sequence and keeps the frames.
 
     Args:
-        client: connected; steps: of a sequence file.
+        client: connected.
+        steps: of a sequence file.
     """
 
     client: TableClient

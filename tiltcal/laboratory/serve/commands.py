@@ -32,11 +32,11 @@ LARGEST = 1e9  # of a parameter
 
 
 class CommandError(Exception):
-    """A command that is not executed. Args: code of ERRORS."""
+    """A command that is not executed. Args: number of ERRORS."""
 
-    def __init__(self, code: int) -> None:
-        super().__init__(ERRORS[code])
-        self.code = code
+    def __init__(self, number: int) -> None:
+        super().__init__(ERRORS[number])
+        self.number = number
 
 
 @dataclass(frozen=True)
@@ -72,33 +72,33 @@ class Interpreter:
                 try:
                     answer = self._run(part.strip())
                 except CommandError as error:
-                    self.refuse(error.code)
+                    self.refuse(error.number)
                     continue
                 if answer is not None:
                     answers.append(answer)
         return ";".join(answers) if answers else None
 
-    def refuse(self, code: int) -> None:
-        """Keep an error; the last place says that there were more."""
-        self.errors.append(code if len(self.errors) < QUEUE - 1 else -350)
+    def refuse(self, number: int) -> None:
+        """Keep an error; the last entry states that there were more."""
+        self.errors.append(number if len(self.errors) < QUEUE - 1 else -350)
         del self.errors[QUEUE:]
 
     def next_error(self) -> str:
         """The oldest error, which is then forgotten."""
-        code = self.errors.pop(0) if self.errors else 0
-        return f'{code},"{ERRORS[code]}"'
+        number = self.errors.pop(0) if self.errors else 0
+        return f'{number},"{ERRORS[number]}"'
 
     def _run(self, text: str) -> str | None:
         header, _, remainder = text.partition(" ")
         command = self.commands.get(header.lower().removeprefix(":"))
         if command is None:
             raise CommandError(-113)
-        message = [token.strip() for token in _split(remainder, ",")] if remainder.strip() else []
-        if len(message) < command.least:
+        parameters = [part.strip() for part in _split(remainder, ",")] if remainder.strip() else []
+        if len(parameters) < command.least:
             raise CommandError(-109)
-        if len(message) > command.most:
+        if len(parameters) > command.most:
             raise CommandError(-108)
-        return command.run(message)
+        return command.run(parameters)
 
 
 def forms(header: str) -> list[str]:
@@ -118,14 +118,14 @@ def _split(text: str, mark: str) -> list[str]:
     return re.findall(rf"(?:\"[^\"]*\"|'[^']*'|[^{mark}])+", text)
 
 
-def number(token: str, low: float = -LARGEST, high: float = LARGEST) -> float:
+def number(text: str, low: float = -LARGEST, high: float = LARGEST) -> float:
     """A parameter as a number.
 
     Raises:
         CommandError: it is none, or out of range.
     """
     try:
-        value = float(token)
+        value = float(text)
     except ValueError as error:
         raise CommandError(-120) from error
     if not low <= value <= high:
@@ -133,13 +133,13 @@ def number(token: str, low: float = -LARGEST, high: float = LARGEST) -> float:
     return value
 
 
-def whole(token: str, low: int, high: int) -> int:
+def whole(text: str, low: int, high: int) -> int:
     """A parameter as a whole number.
 
     Raises:
         CommandError: it is none, or out of range.
     """
-    value = number(token, low, high)
+    value = number(text, low, high)
     if value != int(value):
         raise CommandError(-224)
     return int(value)
@@ -153,7 +153,8 @@ class TableCommands:
     """The commands of a table.
 
     Args:
-        table: that obeys; ports: of the streams by name, for ``:STReam:PORT?``.
+        table: that obeys.
+        ports: of the streams by name, for ``:STReam:PORT?``.
     """
 
     def __init__(self, table: RateTable, ports: Mapping[str, int] | None = None) -> None:
@@ -184,25 +185,25 @@ class TableCommands:
         units = {"POSition": 0, "RATE": 1, "ACCeleration": 2}
         modes: dict[str, Mode] = {"POSition": "position", "RATE": "rate", "OFF": "off"}
         return {
-            **{f":MODe:{token}": self._for_axis(self._mode(m)) for token, m in modes.items()},
+            **{f":MODe:{name}": self._for_axis(self._mode(m)) for name, m in modes.items()},
             ":MODe?": self._for_axis(lambda axis: axis.mode.upper()),
             ":DEMand:POSition": self._for_axis(self._position, 1),
             ":DEMand:RATE": self._for_axis(self._rate, 1),
-            ":DEMand?": self._told(lambda axis: (axis.demand,)),
+            ":DEMand?": self._query(lambda axis: (axis.demand,)),
             **{f":READ:{w}?": self._for_axis(self._read(k)) for w, k in units.items()},
             ":LIMit:RATE": self._for_axis(self._limit("rate"), 1),
-            ":LIMit:RATE?": self._told(lambda axis: (axis.rate,)),
+            ":LIMit:RATE?": self._query(lambda axis: (axis.rate,)),
             ":LIMit:ACCeleration": self._for_axis(self._limit("acceleration"), 1),
-            ":LIMit:ACCeleration?": self._told(lambda axis: (axis.acceleration,)),
+            ":LIMit:ACCeleration?": self._query(lambda axis: (axis.acceleration,)),
             ":LIMit:POSition": self._for_axis(self._range, 2),
-            ":LIMit:POSition?": self._told(lambda axis: (axis.low, axis.high)),
+            ":LIMit:POSition?": self._query(lambda axis: (axis.low, axis.high)),
         }
 
     def _faults(self) -> dict[str, Command]:
         table = self.table
 
-        def lose(texts: list[str]) -> None:
-            table.to_lose = whole(texts[0], 0, 10**9)
+        def lose(parameters: list[str]) -> None:
+            table.to_lose = whole(parameters[0], 0, 10**9)
 
         return {
             ":INTerlock:OPEN": Command(lambda _: self._interlock(False)),
@@ -217,13 +218,13 @@ class TableCommands:
     def _for_axis(self, act: Callable[..., str | None], more: int = 0) -> Command:
         """A command whose first parameter is the number of an axis."""
 
-        def run(texts: list[str]) -> str | None:
+        def run(parameters: list[str]) -> str | None:
             axes = list(self.table.axes.values())
-            return act(axes[whole(texts[0], 1, len(axes)) - 1], *texts[1:])
+            return act(axes[whole(parameters[0], 1, len(axes)) - 1], *parameters[1:])
 
         return Command(run, 1 + more, 1 + more)
 
-    def _told(self, parts: Callable[[AxisDrive], Sequence[float]]) -> Command:
+    def _query(self, parts: Callable[[AxisDrive], Sequence[float]]) -> Command:
         """A query for numbers of an axis, in its unit."""
         return self._for_axis(
             lambda axis: ",".join(f"{part / axis.unit:.9g}" for part in parts(axis))
@@ -255,15 +256,15 @@ class TableCommands:
         if axis.mode != mode:
             raise CommandError(-221)
 
-    def _position(self, axis: AxisDrive, token: str) -> None:
+    def _position(self, axis: AxisDrive, parameter: str) -> None:
         self._ready(axis, "position")
         low, high = max(-LARGEST, axis.low / axis.unit), min(LARGEST, axis.high / axis.unit)
-        axis.go(self.table.time, number(token, low, high) * axis.unit)
+        axis.go(self.table.time, number(parameter, low, high) * axis.unit)
 
-    def _rate(self, axis: AxisDrive, token: str) -> None:
+    def _rate(self, axis: AxisDrive, parameter: str) -> None:
         self._ready(axis, "rate")
         most = axis.rate / axis.unit
-        axis.turn(self.table.time, number(token, -most, most) * axis.unit)
+        axis.turn(self.table.time, number(parameter, -most, most) * axis.unit)
 
     def _read(self, part: int) -> Callable[[AxisDrive], str]:
         def read(axis: AxisDrive) -> str:
@@ -273,10 +274,10 @@ class TableCommands:
         return read
 
     def _limit(self, name: str) -> Callable[[AxisDrive, str], None]:
-        def change(axis: AxisDrive, token: str) -> None:
+        def change(axis: AxisDrive, parameter: str) -> None:
             if axis.moving(self.table.time):
                 raise CommandError(-221)
-            setattr(axis, name, number(token, TINY) * axis.unit)
+            setattr(axis, name, number(parameter, TINY) * axis.unit)
 
         return change
 
@@ -286,8 +287,8 @@ class TableCommands:
             raise CommandError(-222)
         axis.low, axis.high = ends
 
-    def _mount(self, texts: list[str]) -> None:
-        text = texts[0].strip("\"'")
+    def _mount(self, parameters: list[str]) -> None:
+        text = parameters[0].strip("\"'")
         try:
             parse_mount(text)
         except TiltcalError as error:
@@ -301,8 +302,8 @@ class TableCommands:
         if not closed:
             self.table.trip()
 
-    def _slip(self, axis: AxisDrive, token: str) -> None:
-        axis.slip += number(token, -360, 360) * axis.unit
+    def _slip(self, axis: AxisDrive, parameter: str) -> None:
+        axis.slip += number(parameter, -360, 360) * axis.unit
 
-    def _stick(self, axis: AxisDrive, token: str) -> None:
-        axis.seize(self.table.time, bool(whole(token, 0, 1)))
+    def _stick(self, axis: AxisDrive, parameter: str) -> None:
+        axis.seize(self.table.time, bool(whole(parameter, 0, 1)))

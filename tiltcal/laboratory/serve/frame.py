@@ -13,7 +13,7 @@ TAIL = 4  # bytes of the checksum
 
 @dataclass(frozen=True)
 class FrameFormat:
-    """What a frame holds after its head: a float64 for each column, then the CRC-32 of all before.
+    """Contents of a frame after its head: a float64 for each column, then the CRC-32 of all before.
 
     Args:
         columns: names with units, as in a recording; a NaN was not sampled.

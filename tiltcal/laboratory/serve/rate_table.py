@@ -39,13 +39,13 @@ class Mechanics(Protocol):
         """
 
     def halt(self) -> dict[str, float]:
-        """After that, rest where the last sound state was: the angle of each axis there, rad."""
+        """After that, stand still at the last sound state; the angle of each axis there, rad."""
 
     def observed(self, asked: Drive) -> Drive:
         """What encoders and structure do at the times of ``asked``, which were stepped."""
 
     def remount(self, mount: str) -> None:
-        """The instrument is mounted again."""
+        """The instrument is remounted."""
 
 
 @runtime_checkable
@@ -65,7 +65,10 @@ class Frame:
     """The readings of one instant, in the units of a recording.
 
     Args:
-        counter: from 0 on; time: s; values: of each column; lost: it never leaves the table.
+        counter: from 0 on.
+        time: s.
+        values: of each column.
+        lost: it never leaves the table.
     """
 
     counter: int
@@ -115,8 +118,8 @@ class RateTable:
         self.mount, self.interlock = scenario.rig.mount, True
         self.counter, self.time, self.to_lose = 0, 0.0, 0
         sensors = [f"{s.name}_{a}_{s.column_unit}" for s in scenario.sensor for a in s.axes]
-        positions = [f"{angle_channel(name)}_{rig.kind.unit(name)}" for name in self.axes]
-        self.format = FrameFormat((*positions, *sensors, "temperature_degC"))
+        axis_columns = [f"{angle_channel(name)}_{rig.kind.unit(name)}" for name in self.axes]
+        self.format = FrameFormat((*axis_columns, *sensors, "temperature_degC"))
 
     def advance(self, time: float) -> Iterator[Frame]:
         """The frames up to an instant, s; what is demanded next acts from there on."""
@@ -140,8 +143,8 @@ class RateTable:
         return stamps
 
     def drive(self, stamps: Array) -> Drive:
-        """What the encoders say at these stamps, and how far the axes slipped. stamps: s, (n,), not
-        before those of the last call.
+        """The readout of the encoders at these stamps, and how far the axes slipped. stamps: s,
+        (n,), not before those of the last call.
         """
         if self.mechanics is None:
             return self._asked(stamps)
@@ -150,7 +153,7 @@ class RateTable:
 
     def _follow(self, time: float) -> None:
         """Let the mechanics follow until an instant, s; where they diverge, the drives trip and the
-        axes rest.
+        axes stand still.
         """
         if self.mechanics is None:
             return
@@ -169,7 +172,9 @@ class RateTable:
         return self.instrument.drive(stamps, axes, self.mount, slips)
 
     def readout(self, name: str) -> tuple[float, float, float]:
-        """Place, rate and acceleration of an axis by its encoder now, rad, or m where it slides."""
+        """Position, rate and acceleration of an axis by its encoder now, rad, or m where
+        it slides.
+        """
         if self.mechanics is None:
             return self.axes[name].at(self.time)
         jet = self.drive(np.array([self.time])).axes[name]
@@ -209,7 +214,7 @@ class RateTable:
         return any(abs(self.readout(name)[1]) > SETTLED * axis.unit for name, axis in stepped)
 
     def trip(self) -> None:
-        """All drives come to rest and are off."""
+        """All drives come to a standstill and are off."""
         for axis in self.axes.values():
             axis.stop(self.time)
             axis.mode = "off"
@@ -218,8 +223,8 @@ class RateTable:
         """As switched on, where it stands: drives off, limits as at first, no faults."""
         self.trip()
         for name, axis in self.axes.items():
-            anew = AxisDrive.of(self.scenario.rig, name)
-            self.axes[name] = replace(anew, pieces=axis.pieces, slip=axis.slip)
+            fresh = AxisDrive.of(self.scenario.rig, name)
+            self.axes[name] = replace(fresh, pieces=axis.pieces, slip=axis.slip)
         self.interlock, self.to_lose = True, 0
 
 

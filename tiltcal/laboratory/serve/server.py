@@ -27,7 +27,8 @@ class Wires:
     """Where the table is served.
 
     Args:
-        host: address to listen on; port, stream_port: of commands and frames, 0: any free one.
+        host: address to listen on.
+        port, stream_port: of commands and frames, 0: any free one.
         udp: (host, port) that gets a datagram a frame; None: none.
         pty: whether a pseudo-terminal gets the frames.
         speed: seconds of the table in a second of the wall clock; 0: as fast as it computes and
@@ -47,7 +48,9 @@ class Server:
     """A table that is being served.
 
     Args:
-        table: that obeys; wires: where; clock: seconds of the wall clock.
+        table: that obeys.
+        wires: where.
+        clock: seconds of the wall clock.
     """
 
     table: RateTable
@@ -167,7 +170,7 @@ class Server:
             self.readers.add(writer)
             try:
                 while await reader.read(LINE):
-                    pass  # nothing is said on this wire
+                    pass  # this connection sends nothing
             finally:
                 self.readers.discard(writer)
 

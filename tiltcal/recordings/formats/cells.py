@@ -1,4 +1,4 @@
-"""Cells of a text file: where a line is cut, what a cell holds, text that is meant as a number, and
+"""Cells of a text file: splitting of lines, kinds of cells, text that is meant as a number, and
 ISO 8601 time stamps with or without a zone.
 """
 
@@ -21,7 +21,7 @@ SEPARATORS: dict[str, str | None] = {
     "pipe": "|",
     "space": None,
 }
-EMPTY_WORDS = (
+EMPTY_TEXTS = (
     "",
     "nan",
     "-nan",
@@ -62,7 +62,7 @@ def splitter(separator: str) -> Callable[[str], list[str]]:
 
 def kind_of(cell: str, decimal: str) -> str:
     """``number``, ``time`` (a date with a time of day), ``empty`` or ``text``."""
-    if cell.lower() in EMPTY_WORDS:
+    if cell.lower() in EMPTY_TEXTS:
         return "empty"
     if _NUMBERS[decimal].fullmatch(cell) or cell.lower() in ("inf", "-inf", "+inf"):
         return "number"
@@ -144,8 +144,8 @@ def _padded(text: str) -> str:
     found = _PARTS.fullmatch(text)
     if found is None:
         return text
-    year, month, day, hour, standstill = found.groups()
-    return f"{year}-{int(month):02d}-{int(day):02d}T{int(hour):02d}:{standstill}"
+    year, month, day, hour, remainder = found.groups()
+    return f"{year}-{int(month):02d}-{int(day):02d}T{int(hour):02d}:{remainder}"
 
 
 def _no_stamp(texts: list[str], source: str) -> TiltcalError:

@@ -1,4 +1,4 @@
-"""The dialect of a text file, found by what its first lines hold: separator, decimal mark, lines
+"""The dialect of a text file, determined from its first lines: separator, decimal mark, lines
 before the header, header and unit row.
 """
 
@@ -13,7 +13,7 @@ from tiltcal.recordings.formats.cells import (
     without_mark,
 )
 from tiltcal.recordings.formats.unit_words import unit_of
-from tiltcal.recordings.mapping import FileWords
+from tiltcal.recordings.mapping import FileLayout
 
 _NUMERIC = {"number", "time", "empty"}
 _MOSTLY = 0.8  # share of a column's cells that makes its kind
@@ -24,13 +24,13 @@ class Dialect:
     """How a text is to be read.
 
     Args:
-        words: the layout, as a mapping states it.
-        reasons: key of ``words`` -> why.
-        doubts: what the first lines do not decide.
+        layout: as a mapping states it.
+        reasons: key of ``layout`` -> reason.
+        doubts: properties that the first lines do not determine.
         metadata: ``key: value`` lines before the data.
     """
 
-    words: FileWords
+    layout: FileLayout
     reasons: Mapping[str, str]
     doubts: Sequence[str] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
@@ -72,14 +72,14 @@ def find_dialect(head: str, encoding: str, why: str) -> Dialect | None:
     start = _first_data(lines, best)
     if start is None:
         return None
-    head_words, reasons = _head(lines, start, best)
-    text = FileWords.model_validate(
+    head_layout, reasons = _head(lines, start, best)
+    layout = FileLayout.model_validate(
         {
             "separator": best.separator,
             "decimal": best.decimal,
             "encoding": encoding,
             "comment": _comment_inside(lines[start:]),
-            **head_words,
+            **head_layout,
         }
     )
     share = f"{best.score:.0%} of the cells of {len(best.rows)} lines are numbers"
@@ -89,7 +89,7 @@ def find_dialect(head: str, encoding: str, why: str) -> Dialect | None:
         "encoding": why,
     }
     doubts = [*_decimal_doubts(best)]
-    return Dialect(text, reasons, doubts, stated_values(lines[:start]))
+    return Dialect(layout, reasons, doubts, stated_values(lines[:start]))
 
 
 def _grids(content: Sequence[str], quoted: bool) -> list[Grid]:
@@ -112,7 +112,7 @@ def _grids(content: Sequence[str], quoted: bool) -> list[Grid]:
 
 
 def _kinds(grid: Grid) -> list[str]:
-    """What each column mostly holds in the later lines."""
+    """Most frequent kind of the cells of each column in the later lines."""
     later = [row for row in grid.rows[len(grid.rows) // 3 :] if len(row) == grid.width]
     kinds = []
     for k in range(grid.width):

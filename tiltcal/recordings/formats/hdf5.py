@@ -48,9 +48,9 @@ def _sets(file: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
     """(path, data set) of each array; what MATLAB keeps for itself is left out."""
     waiting = [("", file)]
     while waiting:
-        position, group = waiting.pop(0)
+        path, group = waiting.pop(0)
         for key, item in group.items():
-            name = f"{position}/{key}".lstrip("/")
+            name = f"{path}/{key}".lstrip("/")
             if isinstance(item, h5py.Dataset) and _is_array(item):
                 yield name, item
             elif isinstance(item, h5py.Group) and not key.startswith("#"):

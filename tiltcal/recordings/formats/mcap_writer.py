@@ -1,7 +1,7 @@
 """Recordings as MCAP files of ROS 2 messages, for PlotJuggler, Foxglove and ROS.
 
-The module holds the definitions of the messages in the form MCAP stores them, and their encoding in
-CDR, little-endian, many messages of one layout at once.
+The module contains the definitions of the messages in the form MCAP stores them, and their encoding
+in CDR, little-endian, many messages of one layout at once.
 """
 
 from collections.abc import Iterator
@@ -102,14 +102,14 @@ def imu_messages(stamps: Stamps, force: Array | None, rate: Array | None) -> Ite
     numbers = np.zeros((len(stamps), _IMU))
     numbers[:, 3] = 1.0
     numbers[:, 4] = -1.0
-    for values, position, covariance in (
+    for values, offset, covariance in (
         (rate, _RATE, _RATE_COVARIANCE),
         (force, _FORCE, _FORCE_COVARIANCE),
     ):
         if values is None:
             numbers[:, covariance] = -1.0
         else:
-            numbers[:, position : position + 3] = values
+            numbers[:, offset : offset + 3] = values
     return _messages(stamps, b"", numbers)
 
 
@@ -176,8 +176,10 @@ class Triad:
     """Three columns of a sensor.
 
     Args:
-        name: of the sensor; quantity: acceleration or rate.
-        rows: of the recording, (m,); values: SI, (m, 3).
+        name: of the sensor.
+        quantity: acceleration or rate.
+        rows: of the recording, (m,).
+        values: SI, (m, 3).
     """
 
     name: str
@@ -195,7 +197,7 @@ class _Stream:
 
 
 def write_mcap(recording: Recording, path: Path) -> None:
-    """Write triads as ``sensor_msgs/Imu``, the temperature and the table angles next to them.
+    """Write triads as ``sensor_msgs/Imu``, with the temperature and the table angles.
 
     An accelerometer and a gyro that were sampled together share the topic ``/imu``; other triads
     have ``/<sensor>``. Time stamps are ``time_s``, plus the metadata ``time zero``.

@@ -31,7 +31,7 @@ def read_npz(path: Path, budget: ReadBudget) -> RawFile:
 
 
 def _require_whole(file: IO[bytes], size: int, source: str) -> None:
-    """Refuse an array whose header states more than its file holds, before it is allocated."""
+    """Refuse an array whose header states more than its file contains, before it is allocated."""
     version = np.lib.format.read_magic(file)
     read = (
         np.lib.format.read_array_header_1_0

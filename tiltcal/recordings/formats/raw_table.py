@@ -16,9 +16,9 @@ CUT = "cut line"
 RAGGED = "ragged lines"
 """Key of the metadata of a text with lines of another width that are left out: how many."""
 DAMAGED = "damaged"
-"""Key of the metadata of a file that is not whole: what the library says."""
+"""Key of the metadata of a file that is not whole: message of the library."""
 Raw = npt.NDArray[Any]
-"""Values as the file holds them, (n,): float64, int64, datetime64[ns], or objects for text."""
+"""Values as stored in the file, (n,): float64, int64, datetime64[ns], or objects for text."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class RawTable:
     """Columns with one time base: a text file, a topic, a group, a variable.
 
     Args:
-        name: the topic, group or variable; empty where the file holds one table.
+        name: the topic, group or variable; empty where the file has one table.
         columns: name -> values, (n,) each; names may repeat, so they stand in a tuple of pairs.
         units: name -> unit as the file states it.
         metadata: further statements of the file.
@@ -59,9 +59,9 @@ class RawTable:
         if not 0 <= index < len(names):
             named = any(name != str(i + 1) for i, name in enumerate(names))
             valid = names if named else [str(i + 1) for i in range(len(names))]
-            position = f", table {self.name}" if self.name else ""
+            location = f", table {self.name}" if self.name else ""
             raise TiltcalError(
-                f"foreign recording {source}{position}",
+                f"foreign recording {source}{location}",
                 found=f"no column {which}",
                 need="a column of it",
                 do=nearest(str(which), valid),
@@ -75,7 +75,7 @@ class RawFile:
 
     Args:
         source: its name.
-        format: the format as text.
+        format: name of the format.
         tables: one or more.
     """
 

@@ -10,7 +10,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
 from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.raw_table import RawFile
-from tiltcal.recordings.mapping import FileWords
+from tiltcal.recordings.mapping import FileLayout
 
 
 def unreadable(source: str, format: str, error: BaseException) -> TiltcalError:
@@ -29,10 +29,10 @@ class Format:
     """A format.
 
     Args:
-        name: as text.
-        reader: module of this room and function, ``module:function``; imported on use.
+        name: of the format.
+        reader: module of this package and function, ``module:function``; imported on use.
         marks: what its files begin with.
-        suffixes: how their names end, where the content says nothing.
+        suffixes: of their names, where the content does not determine the format.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Format:
     marks: tuple[bytes, ...] = ()
     suffixes: tuple[str, ...] = ()
 
-    def read(self, path: Path, text: FileWords, budget: ReadBudget) -> RawFile:
+    def read(self, path: Path, layout: FileLayout, budget: ReadBudget) -> RawFile:
         """The raw tables of a file.
 
         Raises:
@@ -49,7 +49,7 @@ class Format:
         module, _, function = self.reader.partition(":")
         reader = getattr(importlib.import_module(f"{__package__}.{module}"), function)
         try:
-            return reader(path, text, budget) if self is TEXT else reader(path, budget)
+            return reader(path, layout, budget) if self is TEXT else reader(path, budget)
         except TiltcalError:
             raise
         except Exception as error:  # libraries raise anything on a broken file
@@ -71,7 +71,7 @@ BINARY = (
     Format("TDMS", "tdms:read_tdms", (b"TDSm",), (".tdms",)),
 )
 _PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"7z\xbc\xaf": "7-Zip"}
-_LONGEST = 32  # bytes that tell a format
+_LONGEST = 32  # bytes by which a format is recognised
 
 
 def format_of(path: Path) -> Format:
@@ -109,15 +109,15 @@ def format_of(path: Path) -> Format:
     return TEXT
 
 
-def read_raw(path: Path, text: FileWords, budget: ReadBudget | None = None) -> RawFile:
+def read_raw(path: Path, layout: FileLayout, budget: ReadBudget | None = None) -> RawFile:
     """The raw tables of a foreign file.
 
     Args:
         path: of the file.
-        text: the layout, for text.
+        layout: of a text file.
         budget: how much memory the values may take.
 
     Raises:
         TiltcalError: as ``Format.read`` and ``format_of`` do.
     """
-    return format_of(path).read(path, text, budget or ReadBudget())
+    return format_of(path).read(path, layout, budget or ReadBudget())

@@ -29,7 +29,7 @@ def read_mcap(path: Path, budget: ReadBudget) -> RawFile:
     decoders: dict[int, Callable[[bytes], Any] | None] = {}
     with path.open("rb") as file:
         source = reader.make_reader(file)
-        _require_room(source.get_summary(), path, budget)
+        _require_free_space(source.get_summary(), path, budget)
         for schema, channel, message in source.iter_messages(log_time_order=False):
             if channel.id not in decoders:
                 decoders[channel.id] = _decoder(schema, channel)
@@ -52,7 +52,7 @@ def read_mcap(path: Path, budget: ReadBudget) -> RawFile:
     return RawFile(path.name, "MCAP", tuple(t.table() for t in topics.values()))
 
 
-def _require_room(summary: Any, path: Path, budget: ReadBudget) -> None:
+def _require_free_space(summary: Any, path: Path, budget: ReadBudget) -> None:
     """Refuse too much before any chunk is decompressed."""
     if summary is None or not summary.chunk_indexes:
         budget.require(_expanded(path), path.name)

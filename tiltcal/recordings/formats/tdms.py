@@ -31,10 +31,10 @@ def read_tdms(path: Path, budget: ReadBudget) -> RawFile:
             tables += _tables(group, path.name)
         cut = file.file_status.incomplete_final_segment
     if not tables:
-        by_length((), {}, path.name)  # says what is missing
+        by_length((), {}, path.name)  # raises the error of the missing library
     if cut and tables:
-        message = {**tables[0].metadata, DAMAGED: "its last segment is not whole"}
-        tables[0] = replace(tables[0], metadata=message)
+        metadata = {**tables[0].metadata, DAMAGED: "its last segment is not whole"}
+        tables[0] = replace(tables[0], metadata=metadata)
     return RawFile(path.name, "TDMS", tuple(tables))
 
 

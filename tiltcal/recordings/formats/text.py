@@ -12,7 +12,7 @@ import numpy as np
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.cells import (
-    EMPTY_WORDS,
+    EMPTY_TEXTS,
     SEPARATORS,
     kind_of,
     splitter,
@@ -20,7 +20,7 @@ from tiltcal.recordings.formats.cells import (
 )
 from tiltcal.recordings.formats.dialect import Dialect, find_dialect, stated_values
 from tiltcal.recordings.formats.raw_table import CUT, RAGGED, Raw, RawFile, RawTable
-from tiltcal.recordings.mapping import FileWords
+from tiltcal.recordings.mapping import FileLayout
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
@@ -39,7 +39,7 @@ def guess_encoding(head: bytes) -> tuple[str, str]:
     """
     for mark, name in _MARKS:
         if head.startswith(mark):
-            return name, "a byte order mark says so"
+            return name, "a byte order mark states it"
     pairs = head[: len(head) // 2 * 2]
     if pairs and pairs[1::2].count(0) > len(pairs) / 8:
         return "utf-16-le", "every second byte is zero"
@@ -98,26 +98,26 @@ def to_utf8(data: bytes, encoding: str, source: str) -> bytes:
 _HEAD = 1 << 16  # bytes that a dialect is found by
 
 
-def read_text(path: Path, text: FileWords, budget: ReadBudget) -> RawFile:
+def read_text(path: Path, layout: FileLayout, budget: ReadBudget) -> RawFile:
     """A text file in a stated layout.
 
     Raises:
         TiltcalError: there are no rows, or a line has another number of cells than the first.
     """
     budget.require(path.stat().st_size, path.name)
-    data = to_utf8(path.read_bytes(), text.encoding, path.name)
+    data = to_utf8(path.read_bytes(), layout.encoding, path.name)
     start, before = 0, []
-    for _ in range(text.skip_lines):
+    for _ in range(layout.skip_lines):
         line, start = _line(data, start)
         before.append(line)
-    names, units, start = _titles(data, start, text)
-    if text.comment and text.comment.encode() in data:
-        data, start = _without_comments(data[start:], text.comment.encode()), 0
-    width = _width(data, start, text, path.name)
-    data, cut = _without_cut_line(data, start, text, width)
+    names, units, start = _titles(data, start, layout)
+    if layout.comment and layout.comment.encode() in data:
+        data, start = _without_comments(data[start:], layout.comment.encode()), 0
+    width = _width(data, start, layout, path.name)
+    data, cut = _without_cut_line(data, start, layout, width)
     names = (names + [str(k + 1) for k in range(len(names), width)])[:width]
     ragged: list[int] = []
-    values = _columns(data, start, text, width, path.name, ragged)
+    values = _columns(data, start, layout, width, path.name, ragged)
     columns = tuple(zip(names, values, strict=True))
     metadata = stated_values(before) | ({CUT: cut} if cut else {})
     metadata |= {RAGGED: str(len(ragged))} if ragged else {}
@@ -159,14 +159,14 @@ def _line(data: bytes, start: int) -> tuple[str, int]:
     return data[start:end].decode(), min(end + 1, len(data))
 
 
-def _titles(data: bytes, start: int, text: FileWords) -> tuple[list[str], dict[str, str], int]:
+def _titles(data: bytes, start: int, layout: FileLayout) -> tuple[list[str], dict[str, str], int]:
     """Names and units of the columns, and the byte after them."""
-    if not text.header:
+    if not layout.header:
         return [], {}, start
-    cut = splitter(text.separator)
+    cut = splitter(layout.separator)
     head, start = _line(data, start)
     names = [name.strip('"') for name in cut(without_mark(head))]
-    if not text.unit_row:
+    if not layout.unit_row:
         return names, {}, start
     row, start = _line(data, start)
     stated = [unit.strip('"') for unit in cut(without_mark(row))]
@@ -177,56 +177,56 @@ def _without_comments(data: bytes, mark: bytes) -> bytes:
     return b"\n".join(x for x in data.split(b"\n") if not x.lstrip().startswith(mark))
 
 
-def _without_cut_line(data: bytes, start: int, text: FileWords, width: int) -> tuple[bytes, str]:
+def _without_cut_line(data: bytes, start: int, layout: FileLayout, width: int) -> tuple[bytes, str]:
     """The text without a last line that ends before its last cell, and that line."""
     if data.endswith(b"\n"):
         return data, ""
     begin = max(data.rfind(b"\n"), start - 1) + 1
     last = data[begin:].decode(errors="replace")
-    if begin <= start or len(splitter(text.separator)(last)) >= width:
+    if begin <= start or len(splitter(layout.separator)(last)) >= width:
         return data, ""
     return data[:begin], last
 
 
-def _width(data: bytes, start: int, text: FileWords, source: str) -> int:
+def _width(data: bytes, start: int, layout: FileLayout, source: str) -> int:
     """The number of cells of the first line that is not blank."""
     while start < len(data):
         line, start = _line(data, start)
         if line.strip():
-            return len(splitter(text.separator)(line))
+            return len(splitter(layout.separator)(line))
     raise TiltcalError(
         f"foreign recording {source}", found="no rows", need="at least one", do="check the file"
     )
 
 
 def _columns(
-    data: bytes, start: int, text: FileWords, width: int, source: str, ragged: list[int]
+    data: bytes, start: int, layout: FileLayout, width: int, source: str, ragged: list[int]
 ) -> list[Raw]:
     """All columns, (n,) each; their types follow from their cells."""
     import pyarrow as pa
     from pyarrow import csv as pacsv
 
-    mark = SEPARATORS[text.separator]
+    mark = SEPARATORS[layout.separator]
     if mark is None:
         lines = data[start:].split(b"\n")
         data, start, mark = b"\n".join(b"\t".join(line.split()) for line in lines), 0, "\t"
-    empty = sorted({e for w in EMPTY_WORDS for e in (w, w.upper(), w.capitalize(), "NaN", "N/a")})
+    empty = sorted({e for w in EMPTY_TEXTS for e in (w, w.upper(), w.capitalize(), "NaN", "N/a")})
     try:
         table = pacsv.read_csv(
             cast(Any, pa.BufferReader(memoryview(data)[start:])),
             read_options=pacsv.ReadOptions(column_names=[str(k) for k in range(width)]),
             parse_options=pacsv.ParseOptions(
                 delimiter=mark,
-                invalid_row_handler=_dropping(ragged) if text.ragged_lines == "drop" else None,
+                invalid_row_handler=_dropping(ragged) if layout.ragged_lines == "drop" else None,
             ),
             convert_options=pacsv.ConvertOptions(
                 null_values=[*empty, *(" " * k for k in range(1, 9))],
                 strings_can_be_null=True,
-                decimal_point="," if text.decimal == "comma" else ".",
+                decimal_point="," if layout.decimal == "comma" else ".",
             ),
         )
     except pa.ArrowInvalid as error:
-        raise _ragged(data[start:], text, width, source, str(error)) from error
+        raise _ragged(data[start:], layout, width, source, str(error)) from error
     return [arrow_to_numpy(table.column(k)) for k in range(width)]
 
 
@@ -254,9 +254,9 @@ def _dropping(ragged: list[int]) -> Callable[[Any], Any]:
     return drop
 
 
-def _ragged(data: bytes, text: FileWords, width: int, source: str, reason: str) -> TiltcalError:
+def _ragged(data: bytes, layout: FileLayout, width: int, source: str, reason: str) -> TiltcalError:
     """The first line with another number of cells, found slowly because it is needed once."""
-    cut = splitter("tab" if text.separator == "space" else text.separator)
+    cut = splitter("tab" if layout.separator == "space" else layout.separator)
     for number, line in enumerate(data.decode(errors="replace").split("\n"), start=1):
         if line.strip() and len(cut(line)) != width:
             return TiltcalError(

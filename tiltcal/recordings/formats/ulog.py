@@ -28,11 +28,13 @@ def read_ulog(path: Path, budget: ReadBudget) -> RawFile:
     """
     core = library("pyulog", "ulog", "ULog files")
     budget.require(path.stat().st_size, path.name)
-    message = io.StringIO()
-    with contextlib.redirect_stdout(message), path.open("rb") as file:
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), path.open("rb") as file:
         log = core.ULog(file)
-    text = message.getvalue().strip().splitlines()
-    damage = {DAMAGED: text[0] if text else "corrupt"} if log.file_corruption or text else {}
+    messages = output.getvalue().strip().splitlines()
+    damage = (
+        {DAMAGED: messages[0] if messages else "corrupt"} if log.file_corruption or messages else {}
+    )
     tables: list[RawTable] = []
     for data in log.data_list:
         name = data.name if data.multi_id == 0 else f"{data.name}_{data.multi_id}"

@@ -27,7 +27,9 @@ _KNOWN = {
     "gal": "gal cm/s2 cm/s^2",
     "other": "ut µt mgauss gauss hpa mbar pa kpa % mt nt t",
 }
-_BY_WORD = {word: unit for unit, words in _KNOWN.items() for word in words.split()}
+_BY_SPELLING = {
+    spelling: unit for unit, spellings in _KNOWN.items() for spelling in spellings.split()
+}
 _BRACKETS = re.compile(r"[\[(<{]\s*([^\])>}]*?)\s*[\])>}]")
 _TAILS = (
     "rad_per_s",
@@ -55,22 +57,22 @@ _TAILS = (
 )
 
 
-def unit_of(token: str) -> str | None:
-    """The unit that a word states: one of a recording's, ``kelvin``, ``degF``, ``gal`` or
+def unit_of(text: str) -> str | None:
+    """The unit that a text states: one of a recording's, ``kelvin``, ``degF``, ``gal`` or
     ``other``; None where it states none.
     """
-    token = token.strip().strip("[](){}<>\"'").strip()
-    token = token.replace("μ", "µ").replace("²", "2").replace("·", ".").replace(" ", "")
-    if token in ("G", "Mg"):
+    text = text.strip().strip("[](){}<>\"'").strip()
+    text = text.replace("μ", "µ").replace("²", "2").replace("·", ".").replace(" ", "")
+    if text in ("G", "Mg"):
         return None
-    return _BY_WORD.get(token.lower())
+    return _BY_SPELLING.get(text.lower())
 
 
 def stated_unit(name: str) -> str | None:
     """The unit that the name of a column states: in brackets, or as its last part."""
     bracketed = _BRACKETS.findall(name)
-    for token in bracketed:
-        unit = unit_of(token)
+    for text in bracketed:
+        unit = unit_of(text)
         if unit is not None:
             return unit
     lower = name.lower().rstrip("_")

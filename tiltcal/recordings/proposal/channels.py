@@ -44,11 +44,11 @@ _INDEX = re.compile(r"\[([0-2])\]$|_([1-3])$")
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a name says.
+    """Meaning of a column name.
 
     Args:
-        role: accel, gyro, temperature, time ...; empty where it says nothing.
-        axis: x, y or z; empty where it says none.
+        role: accel, gyro, temperature, time ...; empty where the name does not state it.
+        axis: x, y or z; empty where the name states none.
         group: the name without the axis: columns of one sensor share it.
     """
 
@@ -58,7 +58,9 @@ class Meaning:
 
 
 def meaning_of(name: str, table: str = "") -> Meaning:
-    """The meaning of a column's name; the name of its table helps where the column says nothing."""
+    """The meaning of a column's name; the name of its table helps where the column states
+    nothing.
+    """
     plain = _plain(bare_name(name))
     axis, group = _axis_of(plain, bare_name(name))
     role = _role_of(plain) or _role_of(group)
@@ -68,7 +70,7 @@ def meaning_of(name: str, table: str = "") -> Meaning:
 
 
 def _plain(name: str) -> str:
-    """Small letters, words joined by ``_``."""
+    """Small letters, parts joined by ``_``."""
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
     return re.sub(r"[^0-9a-z\u4e00-\u9fff]+", "_", name.lower()).strip("_")
 
@@ -92,7 +94,7 @@ def _axis_of(plain: str, name: str) -> tuple[str, str]:
 _BY_UNIT = dict.fromkeys(("m_s2", "g", "mg", "ug", "gal"), "accel") | dict.fromkeys(
     ("rad_s", "deg_s", "deg_h"), "gyro"
 )
-"""What a column is whose name says an axis and a unit only."""
+"""Role of a column whose name states an axis and a unit only."""
 _MOSTLY = 0.9  # share of numbers among the filled cells of a channel
 
 
@@ -118,7 +120,7 @@ class Channel:
 
     @property
     def numeric(self) -> bool:
-        """Whether it holds numbers."""
+        """Whether its values are numbers."""
         return self.raw.dtype.kind in "if"
 
     @property
@@ -168,6 +170,6 @@ def _mended(raw: Raw, name: str, decimal: str) -> tuple[Raw, list[Finding]]:
     if np.isfinite(values).sum() <= _MOSTLY * max(len(raw) - sum(t is None for t in raw), 1):
         return raw, []
     rows = tuple(int(k) + 1 for k in bad[:3])
-    positions = ", ".join(map(str, rows)) + (", ..." if len(bad) > len(rows) else "")
-    text = f"{name}: {len(bad)} cells are no numbers, first in data row {positions}"
+    row_list = ", ".join(map(str, rows)) + (", ..." if len(bad) > len(rows) else "")
+    text = f"{name}: {len(bad)} cells are no numbers, first in data row {row_list}"
     return values, [Finding("text", name, len(bad), rows, text, "empty_text")]

@@ -20,7 +20,8 @@ class UnitGuess:
     Args:
         unit: empty where it cannot be known.
         scale: of the column, to come to that unit.
-        reason: as text; doubt: what cannot be known, empty where all is.
+        reason: why.
+        doubt: what cannot be known, empty where all is.
     """
 
     unit: str
@@ -30,7 +31,7 @@ class UnitGuess:
 
 
 def norm_at_rest(windows: Windows) -> tuple[float, float]:
-    """The median norm at rest, and its relative spread over the rests (10 to 90 per cent)."""
+    """The median norm at rest, and its relative spread over the standstills (10 to 90 per cent)."""
     norms = np.linalg.norm(windows.at_rest, axis=1)
     middle = float(np.median(norms))
     low, high = np.quantile(norms, [0.1, 0.9])
@@ -38,7 +39,7 @@ def norm_at_rest(windows: Windows) -> tuple[float, float]:
 
 
 def unit_by_norm(windows: Windows | None, stated: str, whole: bool) -> UnitGuess:
-    """The unit of a triad that is said or seen to be an accelerometer.
+    """The unit of a triad that is an accelerometer by its name or its readings.
 
     Args:
         windows: of its readings.
@@ -49,34 +50,36 @@ def unit_by_norm(windows: Windows | None, stated: str, whole: bool) -> UnitGuess
         return _as_stated(stated, "too few rows to see a standstill")
     norm, spread = norm_at_rest(windows)
     near = [u for u, size in NORMS.items() if abs(norm / size - 1) < _NEAR and spread < _EVEN]
-    message = f"norm at rest {norm:.4g}"
+    shown = f"norm at rest {norm:.4g}"
     if stated in ("LSB", "V", "mV", "mA"):
         return UnitGuess(
-            stated, f"the file says {stated}", f"its zero and scale ({message} {stated})"
+            stated, f"the file states {stated}", f"its zero and scale ({shown} {stated})"
         )
     if stated == "gal" and abs(norm / _GAL - 1) < _NEAR:
-        return UnitGuess("m_s2", f"the file says cm/s2; {message}", scale=0.01)
+        return UnitGuess("m_s2", f"the file states cm/s2; {shown}", scale=0.01)
     if stated in NORMS:
         if stated in near:
-            return UnitGuess(stated, f"the file says {stated}, and the {message} agrees")
+            return UnitGuess(stated, f"the file states {stated}, and the {shown} agrees")
         return UnitGuess(
-            "", "", f"the unit: the file says {stated}, but the {message} is not {NORMS[stated]:g}"
+            "",
+            "",
+            f"the unit: the file states {stated}, but the {shown} is not {NORMS[stated]:g}",
         )
     if not near:
-        return _counts(whole, message)
+        return _counts(whole, shown)
     if near == ["mg"] and ((whole and norm > 1005) or abs(norm / _GAL - 1) < 0.01):
         other = "1024 counts a g" if norm > 1005 else "cm/s2"
-        return UnitGuess("", "", f"the unit: {message} is 1000 mg or {other}")
-    return UnitGuess(near[0], f"{message}, as gravity in {near[0]}")
+        return UnitGuess("", "", f"the unit: {shown} is 1000 mg or {other}")
+    return UnitGuess(near[0], f"{shown}, as gravity in {near[0]}")
 
 
 def _as_stated(stated: str, why: str) -> UnitGuess:
     if stated in NORMS or stated in ("LSB", "V", "mV", "mA"):
-        return UnitGuess(stated, f"the file says {stated}")
+        return UnitGuess(stated, f"the file states {stated}")
     return UnitGuess("", "", f"the unit: {why}")
 
 
-def _counts(whole: bool, message: str) -> UnitGuess:
+def _counts(whole: bool, shown: str) -> UnitGuess:
     if not whole:
-        return UnitGuess("", "", f"the unit: {message} fits neither 9.8 m/s2, 1 g nor 1000 mg")
-    return UnitGuess("LSB", f"whole numbers; {message} is no unit's", "their zero and scale")
+        return UnitGuess("", "", f"the unit: {shown} fits neither 9.8 m/s2, 1 g nor 1000 mg")
+    return UnitGuess("LSB", f"whole numbers; {shown} is no unit's", "their zero and scale")

@@ -1,5 +1,5 @@
-"""A mapping proposed for a foreign file: what its names, its units and its numbers say, written as
-TOML with a reason on each line and a mark for what cannot be known.
+"""A mapping proposed for a foreign file: derived from its names, its units and its numbers, written
+as TOML with a reason on each line and a mark for what cannot be known.
 """
 
 import json
@@ -18,7 +18,7 @@ from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.formats.registry import TEXT, format_of
 from tiltcal.recordings.formats.text import text_dialect
 from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
-from tiltcal.recordings.mapping import FileWords
+from tiltcal.recordings.mapping import FileLayout
 from tiltcal.recordings.proposal.channels import Channel, channels_of
 from tiltcal.recordings.proposal.gravity import norm_at_rest
 from tiltcal.recordings.proposal.sensors import (
@@ -66,9 +66,9 @@ def _line(key: str, value: object, reason: str) -> str:
 def _file(proposal: "MappingProposal") -> list[str]:
     main = _main(proposal)
     if proposal.dialect is None:
-        return ["[file]", _line("table", main, "most channels stand there")] if main else []
-    text, reasons = proposal.dialect.words, proposal.dialect.reasons
-    stated = text.model_dump(exclude={"table", "ragged_lines"})
+        return ["[file]", _line("table", main, "most channels are in it")] if main else []
+    layout, reasons = proposal.dialect.layout, proposal.dialect.reasons
+    stated = layout.model_dump(exclude={"table", "ragged_lines"})
     always = ("separator", "decimal", "encoding", "header")
     shown = {k: v for k, v in stated.items() if k in always or v}
     lines = ["[file]", *(_line(k, v, reasons.get(k, "")) for k, v in shown.items())]
@@ -79,7 +79,7 @@ def _file(proposal: "MappingProposal") -> list[str]:
 
 
 def _main(proposal: "MappingProposal") -> str:
-    """The table that most channels stand in."""
+    """The table with most of the channels."""
     names = [c.channel.table for c in proposal.columns]
     return max(names, key=names.count)
 
@@ -121,7 +121,7 @@ def _own_time(own: "TimeGuess", main: "TimeGuess") -> list[str]:
     return [_line("time", own.channel.source, own.reason)]
 
 
-_EVEN = 0.12  # relative spread of the norm of gravity over the rests
+_EVEN = 0.12  # relative spread of the norm of gravity over the standstills
 FRAMES = (
     "how the instrument is mounted, and whether a positive reading is specific force (+g with the"
     " axis up) or gravity: record a face that is known and compare with"
@@ -136,7 +136,7 @@ class ColumnGuess:
     Args:
         channel: the column.
         to: its name here; ends in ``_?`` where the unit cannot be known.
-        reason: as text.
+        reason: for the comment on its line.
         scale, offset: to its unit.
     """
 
@@ -157,7 +157,7 @@ class MappingProposal:
         time: of each table that has channels, by its name.
         columns: proposed channels.
         table: that turned the instrument.
-        left_out: columns that are not proposed, with a word on each.
+        left_out: columns that are not proposed, with a remark on each.
         doubts: what cannot be known.
         findings: faults of the data.
     """
@@ -182,15 +182,15 @@ def propose_mapping(path: Path | str, budget: ReadBudget | None = None) -> Mappi
     """The proposed mapping of a file.
 
     Raises:
-        TiltcalError: the file cannot be read, or holds no table of numbers.
+        TiltcalError: the file cannot be read, or has no table of numbers.
     """
     path = Path(path)
     budget = budget or ReadBudget()
     format = format_of(path)
     dialect = text_dialect(path) if format is TEXT else None
-    text = FileWords() if dialect is None else dialect.words
-    file = format.read(path, text.model_copy(update={"ragged_lines": "drop"}), budget)
-    channels, faults = channels_of(file, text.decimal)
+    layout = FileLayout() if dialect is None else dialect.layout
+    file = format.read(path, layout.model_copy(update={"ragged_lines": "drop"}), budget)
+    channels, faults = channels_of(file, layout.decimal)
     times = {
         t.name: find_time(
             [c for c in channels if c.table == t.name],
@@ -198,7 +198,7 @@ def propose_mapping(path: Path | str, budget: ReadBudget | None = None) -> Mappi
         )
         for t in file.tables
     }
-    with warnings.catch_warnings():  # columns may hold anything
+    with warnings.catch_warnings():  # columns may contain anything
         warnings.simplefilter("ignore", RuntimeWarning)
         found = _proposal(file, channels, times, dialect)
     used = {c.channel.name for c in found.columns}
@@ -212,21 +212,21 @@ def _proposal(
     dialect: Dialect | None,
 ) -> MappingProposal:
     taken = [id(t.channel) for t in times.values() if t.channel is not None]
-    standstill = [c for c in channels if id(c) not in taken]
+    remaining = [c for c in channels if id(c) not in taken]
     triads = [
         triad
         for name, time in times.items()
-        for triad in find_triads([c for c in standstill if c.table == name], time.rate)
+        for triad in find_triads([c for c in remaining if c.table == name], time.rate)
     ]
     sensors = with_units(triads, {name: time.rate for name, time in times.items()})
-    table, angles = _table(standstill, triads)
+    table, angles = _table(remaining, triads)
     columns = [guess for s in sensors for guess in _columns(s)]
     used = {id(c) for s in sensors for c in s.triad.channels}
     columns += _angles(table, angles)
     used |= {id(c.channel) for c in columns}
-    others, doubts = find_others([c for c in standstill if id(c) not in used])
+    others, doubts = find_others([c for c in remaining if id(c) not in used])
     columns += [ColumnGuess(*o) for o in others]
-    columns += [ColumnGuess(*o) for o in find_labels([c for c in standstill if id(c) not in used])]
+    columns += [ColumnGuess(*o) for o in find_labels([c for c in remaining if id(c) not in used])]
     if not columns:
         raise _nothing(file)
     used |= {id(c.channel) for c in columns}
@@ -239,18 +239,18 @@ def _proposal(
         {name: times[name] for name in tables},
         columns,
         table,
-        _left_out([c for c in standstill if id(c) not in used], triads),
+        _left_out([c for c in remaining if id(c) not in used], triads),
         _doubts(dialect, [times[name] for name in tables], sensors, table, doubts),
         [*(f for t in file.tables for f in find_bad_lines(t)), *_findings(columns, times)],
     )
 
 
 def _table(
-    standstill: Sequence[Channel], triads: Sequence[Triad]
+    remaining: Sequence[Channel], triads: Sequence[Triad]
 ) -> tuple[TableGuess | None, list[Channel]]:
     """The table, and the columns that may be its angles."""
     roles = ("outer", "middle", "inner", "angle")
-    angles = [c for c in standstill if c.numeric and c.meaning.role in roles and not c.meaning.axis]
+    angles = [c for c in remaining if c.numeric and c.meaning.role in roles and not c.meaning.axis]
     if not 1 <= len(angles) <= 3:
         return None, []
     angles = [c for c in angles if c.table == angles[0].table]
@@ -288,14 +288,14 @@ def _angles(table: TableGuess | None, angles: Sequence[Channel]) -> list[ColumnG
 
 def _left_out(channels: Sequence[Channel], triads: Sequence[Triad]) -> list[str]:
     unknown = {id(c) for t in triads if not t.kind for c in t.channels}
-    texts = []
+    entries = []
     for c in channels:
         if id(c) in unknown:
             what = "cannot know: accelerometer or magnetometer"
         else:
             what = c.meaning.role or ("text" if not c.numeric else "not recognised")
-        texts.append(f"{c.table + ': ' if c.table else ''}{c.name} ({what})")
-    return texts
+        entries.append(f"{c.table + ': ' if c.table else ''}{c.name} ({what})")
+    return entries
 
 
 def _doubts(
@@ -345,5 +345,5 @@ def _nothing(file: RawFile) -> TiltcalError:
         f"foreign recording {file.source}",
         found=f"columns {', '.join(names[:8])}, none of which is like a sensor",
         need="three columns of an accelerometer or a gyro, or angles of a table",
-        do="write the mapping by hand: see `tiltcal import --help`",
+        do="write the mapping yourself: see `tiltcal import --help`",
     )

@@ -72,18 +72,18 @@ def windows_of(values: Array, rate: float | None) -> Windows | None:
 
 
 def apart(windows: Windows) -> float:
-    """How far the rests lie from each other, as a share of the whole range of the means: near 1
-    where the rest depends on the attitude, near 0 where all rests read the same.
+    """Spread of the standstill means, as a share of the whole range of the means: near 1 where
+    they depend on the attitude, near 0 where all are the same.
     """
-    standstill = windows.at_rest
-    middle = np.median(standstill, axis=0)
-    spread = float(np.sqrt(np.mean(np.sum((standstill - middle) ** 2, axis=1))))
+    means = windows.at_rest
+    middle = np.median(means, axis=0)
+    spread = float(np.sqrt(np.mean(np.sum((means - middle) ** 2, axis=1))))
     reach = float(np.max(np.linalg.norm(windows.means - middle, axis=1)))
     return spread / reach if reach > 0 else 0.0
 
 
 def moves(windows: Windows) -> bool:
-    """Whether some windows read something else than noise about the rests."""
+    """Whether some windows differ from the standstill means by more than noise."""
     middle = np.median(windows.at_rest, axis=0)
     reach = float(np.max(np.linalg.norm(windows.means - middle, axis=1)))
     return reach > 20 * windows.noise and bool((~windows.quiet).any())

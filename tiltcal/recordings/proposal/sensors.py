@@ -13,8 +13,9 @@ from tiltcal.recordings.proposal.gravity import UnitGuess, norm_at_rest, unit_by
 from tiltcal.recordings.proposal.rests import Windows, apart, moves, windows_of
 from tiltcal.recordings.proposal.turning import Turning, follow, unit_of_gyro
 
-_EVEN = 0.12  # relative spread of the norm of gravity over the rests
-_ATTITUDE, _ALIKE = 0.25, 0.05  # of standstills that depend on the attitude; that are all alike
+_EVEN = 0.12  # relative spread of the norm of gravity over the standstills
+# of standstill means that depend on the attitude; that are all alike
+_ATTITUDE, _ALIKE = 0.25, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,7 @@ class Triad:
         kind: accel, gyro or magnetometer; empty where it cannot be known.
         channels: in the order of its axes.
         reason: why it is that sensor.
-        axes_known: whether their names say which axis each is.
+        axes_known: whether their names state the axes.
     """
 
     kind: str
@@ -69,15 +70,15 @@ def find_triads(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
     """
     named = _named(channels, rate)
     taken = {id(c) for t in named for c in t.channels}
-    standstill = [c for c in channels if id(c) not in taken and c.numeric and c.meaning.role == ""]
-    by_axis = _axes_only(standstill, rate)
+    remaining = [c for c in channels if id(c) not in taken and c.numeric and c.meaning.role == ""]
+    by_axis = _axes_only(remaining, rate)
     taken |= {id(c) for t in by_axis for c in t.channels}
-    unnamed = _unnamed([c for c in standstill if id(c) not in taken], rate)
+    unnamed = _unnamed([c for c in remaining if id(c) not in taken], rate)
     return _borne_out(named, _only_one_gravity(by_axis + unnamed), rate)
 
 
 def _borne_out(named: Sequence[Triad], seen: Sequence[Triad], rate: float | None) -> list[Triad]:
-    """All triads, less those whose name says nothing and whose numbers do not suffice: a gyro
+    """All triads, less those without an informative name whose numbers do not suffice: a gyro
     without counts that gravity does not follow, an accelerometer without counts or a known norm.
     """
     accel = [t for t in (*named, *seen) if t.kind == "accel"]
@@ -95,7 +96,7 @@ def _borne_out(named: Sequence[Triad], seen: Sequence[Triad], rate: float | None
 
 
 def _axes_only(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
-    """Columns whose names say their axes and nothing else, by their behaviour."""
+    """Columns whose names state their axes and nothing else, by their behaviour."""
     groups: dict[str, dict[str, Channel]] = {}
     for c in channels:
         if c.meaning.axis:
@@ -151,7 +152,7 @@ def _unnamed(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
 
 
 def _kind(windows: Windows) -> tuple[str, str]:
-    """accel or gyro, by the rests."""
+    """accel or gyro, by the means at standstill."""
     norm, spread = norm_at_rest(windows)
     share = apart(windows)
     by_norm = unit_by_norm(windows, "", False).unit
@@ -181,7 +182,7 @@ def _only_one_gravity(found: list[Triad]) -> list[Triad]:
 
 
 def _without_free(triads: Sequence[Triad]) -> list[Triad]:
-    """Without accelerations that hold no gravity, where another triad holds it."""
+    """Without accelerations free of gravity, where another triad includes it."""
     accel = [t for t in triads if t.kind == "accel"]
     holding = [t for t in accel if t.stated or unit_by_norm(t.windows, "", t.whole).unit]
     return [t for t in triads if t.kind != "accel" or t in holding or not holding]
@@ -206,22 +207,22 @@ def with_units(triads: Sequence[Triad], rates: Mapping[str, float | None]) -> li
         if triad.kind == "accel":
             unit = unit_by_norm(triad.windows, triad.stated, triad.whole)
         else:
-            beside = _beside(triad, triads, number)
-            turning = None if beside is None else _turning(beside, triad, rate)
+            accelerometer = _accelerometer_of(triad, triads, number)
+            turning = None if accelerometer is None else _turning(accelerometer, triad, rate)
             unit = unit_of_gyro(turning, rate, _largest(triad), triad.stated, triad.whole)
         found.append(Sensor(name, triad, unit))
     return found
 
 
-def _beside(gyro: Triad, triads: Sequence[Triad], number: int) -> Triad | None:
-    """The accelerometer next to a gyro whose readings have one norm at rest."""
+def _accelerometer_of(gyro: Triad, triads: Sequence[Triad], number: int) -> Triad | None:
+    """The accelerometer of the same table as a gyro whose readings have one norm at rest."""
     there = [t for t in triads if t.kind == "accel" and len(t.values) == len(gyro.values)]
     even = [t for t in there if t.windows is not None and norm_at_rest(t.windows)[1] < _EVEN]
     return even[min(number, len(even)) - 1] if even else None
 
 
-def _turning(beside: Triad, gyro: Triad, rate: float | None) -> Turning | None:
-    return follow(beside.values, gyro.values, rate)
+def _turning(accelerometer: Triad, gyro: Triad, rate: float | None) -> Turning | None:
+    return follow(accelerometer.values, gyro.values, rate)
 
 
 def _largest(triad: Triad) -> float:
@@ -235,7 +236,7 @@ Guess = tuple[Channel, str, str, float, float]
 _CELSIUS = (-80.0, 180.0)  # degC that an instrument may have
 _UNITS = {"incl": ("deg", "rad", "arcsec"), "fog": ("deg_h", "deg_s", "rad_s")}
 _KELVIN = 273.15
-_FEW = 60  # distinct words of a column of labels
+_FEW = 60  # distinct texts of a column of labels
 
 
 def find_others(channels: Sequence[Channel]) -> tuple[list[Guess], list[str]]:
@@ -267,24 +268,24 @@ def find_others(channels: Sequence[Channel]) -> tuple[list[Guess], list[str]]:
 
 def _temperature(channel: Channel) -> tuple[Guess | None, str]:
     low, high = float(np.nanmin(channel.values)), float(np.nanmax(channel.values))
-    message = f"its name; {low:.4g} to {high:.4g}"
+    reason = f"its name; {low:.4g} to {high:.4g}"
     to = "temperature_degC"
     if channel.unit == "kelvin" or (not channel.unit and low > 200 and high < 400):
-        return (channel, to, f"{message} is in kelvin", 1.0, -_KELVIN), ""
+        return (channel, to, f"{reason} is in kelvin", 1.0, -_KELVIN), ""
     if channel.unit == "degF":
-        return (channel, to, f"{message} degF", 5 / 9, -32 * 5 / 9), ""
+        return (channel, to, f"{reason} degF", 5 / 9, -32 * 5 / 9), ""
     if _CELSIUS[0] < low and high < _CELSIUS[1]:
         sure = channel.unit == "degC"
         doubt = "" if sure else f"{channel.name}: that it is in degC, which its values allow"
-        return (channel, to, f"{message}{', the file says degC' if sure else ''}", 1.0, 0.0), doubt
+        return (channel, to, f"{reason}{', the file states degC' if sure else ''}", 1.0, 0.0), doubt
     return None, f"{channel.name}: the unit; {low:.4g} to {high:.4g} is no temperature in degC"
 
 
 def find_labels(channels: Sequence[Channel]) -> list[Guess]:
-    """The column of the operator's words, if there is one."""
+    """The column of the operator's labels, if there is one."""
     for c in channels:
         if c.raw.dtype == object and c.meaning.role == "label":
-            text = {t for t in c.raw if t is not None}
-            if 0 < len(text) <= _FEW:
-                return [(c, "label", f"its name; {len(text)} different words", 1.0, 0.0)]
+            labels = {t for t in c.raw if t is not None}
+            if 0 < len(labels) <= _FEW:
+                return [(c, "label", f"its name; {len(labels)} different labels", 1.0, 0.0)]
     return []

@@ -1,4 +1,4 @@
-"""What a recording states of its set-up: table, mounting and sensors, each with a reason."""
+"""Set-up proposed from a recording: table, mounting and sensors, each with a reason."""
 
 from dataclasses import dataclass, field, replace
 
@@ -29,8 +29,8 @@ KINDS = {
     "rate": "gyro",
     "raw": "accelerometer",
 }  # sensor kind by quantity of the unit
-ROUND = 0.03  # relative: standstills of a triad in counts lie on a sphere as nearly
-RESTS = 6  # that a sphere takes
+ROUND = 0.03  # relative: standstill means of a triad in counts lie on a sphere as nearly
+MIN_MEANS = 6  # distinct ones that a sphere takes
 SHOWN = 3  # other rigs that gravity does not exclude
 
 
@@ -41,9 +41,9 @@ class SensorGuess:
     Args:
         name, kind, axes, unit: of its columns.
         rate_hz: of its samples.
-        reason: why it is of that kind, as text.
+        reason: why it is of that kind.
         zero, per_m_s2: of counts, where gravity at rest shows them: (3,), counts per m/s2.
-        doubts: what the numbers contradict or do not say.
+        doubts: what the numbers contradict or leave open.
     """
 
     name: str
@@ -63,8 +63,8 @@ class RigGuess:
 
     Args:
         table, mount: as ``[rig]`` states them.
-        reason: as text.
-        doubts: what the recording does not say, or says otherwise.
+        reason: why.
+        doubts: what the recording leaves open or contradicts.
     """
 
     table: str
@@ -77,7 +77,7 @@ def sensors_of(recording: Recording, gravity: float) -> list[SensorGuess]:
     """The sensors that the columns name, checked by their numbers.
 
     Args:
-        recording: whose sensors are told.
+        recording: whose sensors are proposed.
         gravity: of the site, m/s2.
     """
     found = [_sensor(recording, n, axes, unit) for n, (axes, unit) in _columns(recording).items()]
@@ -158,7 +158,7 @@ def _gyro(recording: Recording, guess: SensorGuess, triad: SensorGuess) -> Senso
 def _sphere(points: Array) -> tuple[Array, float] | None:
     """Centre and radius of the sphere through points, (m, 3); None where they lie on none."""
     distinct = np.unique(np.round(points / max(float(np.ptp(points)), 1e-30), 1), axis=0)
-    if len(distinct) < RESTS:
+    if len(distinct) < MIN_MEANS:
         return None
     A = np.column_stack([2 * points, np.ones(len(points))])
     x, _, rank, _ = np.linalg.lstsq(A, (points**2).sum(axis=1), rcond=None)
@@ -175,7 +175,7 @@ def rig_of(recording: Recording, setup: Setup | None) -> RigGuess:
     """The table and the mounting.
 
     Args:
-        recording: whose table is told.
+        recording: whose table is proposed.
         setup: sensors, on any table; None where there is no sensor.
     """
     possible = tables_of(recording)

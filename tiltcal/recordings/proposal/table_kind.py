@@ -29,7 +29,8 @@ class TableGuess:
         table: its name; empty where it cannot be known.
         axes: column name -> axis of the table; empty where it cannot be known.
         unit: of the angles.
-        reason, doubt: as text.
+        reason: why.
+        doubt: what cannot be known, empty where all is.
     """
 
     table: str
@@ -142,15 +143,13 @@ def _judged(
     fits: Sequence[_Fit], angles: Sequence[Channel], named: Mapping[str, str], units: Sequence[str]
 ) -> TableGuess:
     if not fits or fits[0].misfit > _FITS:
-        message = f"; best {fits[0].table.name}, off by {fits[0].misfit:.2g} rad" if fits else ""
-        return _by_names(angles, named, units, f"gravity follows no table{message}")
+        best_text = f"; best {fits[0].table.name}, off by {fits[0].misfit:.2g} rad" if fits else ""
+        return _by_names(angles, named, units, f"gravity follows no table{best_text}")
     best = fits[0]
-    rivals = [f for f in fits[1:] if f.misfit < max(_CLEAR * best.misfit, _FITS)]
-    axes = {
-        angles[k].name: best.table.axis_names[position] for position, k in enumerate(best.order)
-    }
-    if rivals:
-        other = rivals[0].table.name
+    alternatives = [f for f in fits[1:] if f.misfit < max(_CLEAR * best.misfit, _FITS)]
+    axes = {angles[k].name: best.table.axis_names[slot] for slot, k in enumerate(best.order)}
+    if alternatives:
+        other = alternatives[0].table.name
         return _by_names(angles, named, units, f"{best.table.name} and {other} fit alike")
     if any(axes[name] != role for name, role in named.items()):
         return _by_names(angles, {}, units, f"their names disagree with gravity on {axes}")
@@ -163,7 +162,7 @@ def _judged(
 def _by_names(
     angles: Sequence[Channel], named: Mapping[str, str], units: Sequence[str], why: str
 ) -> TableGuess:
-    """What names alone say."""
+    """The axes by their names alone."""
     unit = units[0] if len(units) == 1 else ""
     doubt = f"the table: {why}" + ("" if unit else "; the unit of the angles")
     axes = dict(named) if len(named) == len(angles) else {}

@@ -1,4 +1,4 @@
-"""Which column holds the time, in which unit, and the sample rate that the lines before the data
+"""Which column has the time, in which unit, and the sample rate that the lines before the data
 state.
 """
 
@@ -46,11 +46,12 @@ class TimeGuess:
     """The time of one table.
 
     Args:
-        channel: None where no column holds it.
+        channel: None where no column has it.
         unit: empty where it is not known.
-        tick_s: of a counter whose tick is none of the units; wraps_at: counts after which it
-            starts again.
-        reason: of the column; unit_reason: of the unit.
+        tick_s: of a counter whose tick is none of the units.
+        wraps_at: counts after which it starts again.
+        reason: of the column.
+        unit_reason: of the unit.
         doubts: what cannot be known.
         rate: of samples, Hz; None where it is not known.
     """
@@ -84,15 +85,15 @@ def find_time(channels: Sequence[Channel], stated_rate: float | None) -> TimeGue
         c for c in ordered if c.meaning.role in ("", "angle") and not _steps_by_one(c.values)
     ]
     for found in sorted(named, key=_preference) or unnamed[:1]:
-        message = "its name, and it " if found in named else "it "
-        return _with_unit(found, message + "runs forward at nearly equal steps")
+        prefix = "its name, and it " if found in named else "it "
+        return _with_unit(found, prefix + "runs forward at nearly equal steps")
     counter = next((c for c in ordered if _steps_by_one(c.values)), None)
     also = f"; {counter.name} only counts samples" if counter else ""
     if stated_rate:
         return TimeGuess(
             None, "", f"no column of times{also}; the file states the rate", "", rate=stated_rate
         )
-    doubt = f"the sample rate: no column holds times{also}"
+    doubt = f"the sample rate: no column has times{also}"
     return TimeGuess(None, "", "no column of times", "", (doubt,))
 
 
@@ -137,7 +138,7 @@ def _with_unit(channel: Channel, reason: str) -> TimeGuess:
     if channel.unit in ("s", "ms", "us", "ns"):
         rate = 1 / (usual * COLUMN_UNITS[channel.unit].factor)
         if RATES[0] <= rate <= RATES[1]:
-            why = f"the file says {channel.unit}; {rate:.6g} samples a second"
+            why = f"the file states {channel.unit}; {rate:.6g} samples a second"
             return TimeGuess(channel, channel.unit, reason, why, rate=rate)
         doubt = f"the unit of {channel.name}: as {channel.unit}, {rate:.3g} samples a second"
         return TimeGuess(channel, "", reason, "", (doubt,))
@@ -164,10 +165,10 @@ def _by_rate(channel: Channel, usual: float, reason: str) -> TimeGuess:
     """The unit in which the rate is one that instruments have."""
     rates = {u: 1 / (usual * COLUMN_UNITS[u].factor) for u in ("s", "ms", "us", "ns")}
     likely = [u for u, rate in rates.items() if RATES[0] <= rate <= RATES[1]]
-    text = ", ".join(f"{rates[u]:.4g} Hz as {u}" for u in likely)
+    rates_text = ", ".join(f"{rates[u]:.4g} Hz as {u}" for u in likely)
     if len(likely) == 1:
         unit = likely[0]
-        why = f"steps of {usual:.6g}: {text}, no rate of an instrument in other units"
+        why = f"steps of {usual:.6g}: {rates_text}, no rate of an instrument in other units"
         return TimeGuess(channel, unit, reason, why, rate=rates[unit])
-    doubt = f"the unit of {channel.name}: steps of {usual:.6g} are {text or 'no usual rate'}"
+    doubt = f"the unit of {channel.name}: steps of {usual:.6g} are {rates_text or 'no usual rate'}"
     return TimeGuess(channel, "", reason, "", (doubt,))

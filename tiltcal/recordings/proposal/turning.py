@@ -67,7 +67,7 @@ def _follow(force: Array, rates: Array, size: int) -> Turning | None:
     w = rates[: count * size].reshape(count, size, 3).mean(axis=1)
     length = np.linalg.norm(f, axis=1)
     u = f / np.maximum(length, 1e-30)[:, None]
-    w = w - _rest_rate(u, w)
+    w = w - _standstill_rate(u, w)
     # from window to window: the mean rate of two windows, along the mean direction
     turn = u[1:] - u[:-1]
     expected = -np.cross((w[1:] + w[:-1]) / 2, (u[1:] + u[:-1]) / 2) * size
@@ -80,7 +80,7 @@ def _follow(force: Array, rates: Array, size: int) -> Turning | None:
     return Turning(both / power, both**2 / (power * total), turned)
 
 
-def _rest_rate(u: Array, w: Array) -> Array:
+def _standstill_rate(u: Array, w: Array) -> Array:
     """The reading of the gyro while gravity does not turn, (3,)."""
     steps = np.linalg.norm(np.diff(u, axis=0), axis=1)
     still = np.flatnonzero(steps <= float(np.quantile(steps, 0.4)))
@@ -90,10 +90,10 @@ def _rest_rate(u: Array, w: Array) -> Array:
 def unit_of_gyro(
     turning: Turning | None, rate: float | None, largest: float, stated: str, whole: bool
 ) -> UnitGuess:
-    """The unit of a triad that is said or seen to be a gyro.
+    """The unit of a triad that is a gyro by its name or its readings.
 
     Args:
-        turning: of gravity next to it, where there is an accelerometer.
+        turning: of gravity, where there is an accelerometer.
         rate: of samples, Hz.
         largest: reading, without its bias.
         stated: by the file; empty where it states none.
@@ -107,13 +107,13 @@ def unit_of_gyro(
         )
     seen = _seen(turning, rate)
     if stated in ("LSB", "V", "mV", "mA"):
-        return UnitGuess(stated, f"the file says {stated}", "its zero and scale")
+        return UnitGuess(stated, f"the file states {stated}", "its zero and scale")
     if stated in UNITS:
         if seen and seen != stated and not whole:
-            doubt = f"the unit: the file says {stated}, but gravity turns as if it were {seen}"
+            doubt = f"the unit: the file states {stated}, but gravity turns as if it were {seen}"
             return UnitGuess("", "", doubt)
-        agrees = ", and gravity turns as it says" if seen == stated else ""
-        return UnitGuess(stated, f"the file says {stated}{agrees}", sense)
+        agrees = ", and gravity turns as stated" if seen == stated else ""
+        return UnitGuess(stated, f"the file states {stated}{agrees}", sense)
     if seen:
         return UnitGuess(seen, f"gravity turns by its integral in {seen}", sense)
     if whole:

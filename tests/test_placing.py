@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from statistics_helpers import rng_of
 
-from tiltcal.calibration.bias_table import LOOKUPS, BiasTable, PlacingCorrector
 from tiltcal.calibration.result import calibration_from
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC, DEG, G0
+from tiltcal.instrument.placing import LOOKUPS, BiasTable, PlacingCorrector
 
 MG = 1e-3 * G0
 G = 9.80123

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from tests.benchmarks import sized
-from tiltcal.calibration.bias_table import LOOKUPS, BiasTable, PlacingCorrector
 from tiltcal.core.units import ARCSEC, DEG, G0
+from tiltcal.instrument.placing import LOOKUPS, BiasTable, PlacingCorrector
 
 G, DAY, RATE = 9.80123, sized(86_400, 7200), 50
 SAMPLES = sized(1_000_000, 10_000)

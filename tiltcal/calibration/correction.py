@@ -4,18 +4,23 @@ What came of correcting a stream: counts, and notes for the user.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydantic import ValidationError
 
-from tiltcal.calibration.result import Calibration, product, tilt_angles
-from tiltcal.calibration.thermal import TemperatureCourse, ThermalStream, ThermalTerms, at_rows
+from tiltcal.calibration.result import Calibration, tilt_angles
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt, tilt_of_force
 from tiltcal.core.units import COLUMN_UNITS, DEG
+from tiltcal.effects.sense import Sense
+from tiltcal.instrument.temperature import (
+    TemperatureCourse,
+    TemperatureTerms,
+    ThermalStream,
+    at_rows,
+)
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
@@ -161,7 +166,7 @@ def corrected_columns(
     """
     columns: dict[str, Array] = {}
     g = setup.site.gravity
-    terms = ThermalTerms.among({n: e.value for n, e in calibration.parameters.items()})
+    terms = temperature_terms(calibration, setup)
     if terms is not None and course is None:
         course = thermal_course(recording, ThermalStream(terms))
     for name in calibration.sensors():
@@ -170,13 +175,12 @@ def corrected_columns(
         values = (
             force_of_tilt(samples.values, g) if sensor.kind == "inclinometer" else samples.values
         )
-        pulled = _pulled(recording, calibration, setup, sensor, samples.time, force)
-        plain = partial(calibration.correct, sensor, g=g)
-        fixed = (
-            plain(values - pulled)
-            if terms is None or course is None
-            else terms.corrected(sensor, values - pulled, at_rows(course, samples.rows), plain)
-        )
+        given = _given(recording, calibration, setup, sensor, samples.time, force)
+        if course is not None:
+            at = at_rows(course, samples.rows)
+            warm = at.level - (calibration.of_sensor(sensor, g).reference_degC or 0.0)
+            given = replace(given, temperature=warm, temperature_memory=at.memory)
+        fixed = calibration.correct(sensor, values, g, given)
         shown = tilt_of_force(fixed, g) if sensor.kind == "inclinometer" else fixed
         for i, axis in enumerate(sensor.axes):
             unit = corrected_unit(samples.units[i], sensor)
@@ -215,25 +219,38 @@ def thermal_course(recording: Recording, stream: ThermalStream) -> TemperatureCo
     return stream.course(recording.time, recording.column(name))
 
 
-def _pulled(
+def temperature_terms(calibration: Calibration, setup: Setup) -> TemperatureTerms | None:
+    """The terms over temperature of a calibration's sensors, which all follow one course; None
+    where it has none.
+    """
+    for name in calibration.sensors():
+        sensor = setup.named(name)
+        terms = calibration.of_sensor(sensor, setup.site.gravity).temperature_terms(sensor)
+        if terms is not None:
+            return terms
+    return None
+
+
+def _given(
     recording: Recording,
     calibration: Calibration,
     setup: Setup,
     sensor: Sensor,
     time: Array,
     force: Force | None,
-) -> Array | float:
-    """What a gyro's g-sensitivity adds at these stamps, rad/s, (n, k), by the accelerometer triad
-    beside it.
+) -> Sense:
+    """What is known at these stamps in addition to the reading: the force that a gyro's bias
+    follows, by the accelerometer triad recorded with it.
     """
-    G = calibration.g_sensitivity(sensor)
-    if G is None:
-        return 0.0
+    given = Sense.at_rest(sensor, setup.site.gravity, np.zeros((len(time), 3)))
+    given = replace(given, time=time, elapsed=time - time[:1].sum())
+    if calibration.of_sensor(sensor, setup.site.gravity).follows_force(sensor) is None:
+        return given
     force = Force.beside(sensor.name, recording, setup) if force is None else force
     if not len(force.time):
         raise _no_triad(recording, sensor.name)
     along = [np.interp(time, force.time, force.values[:, i]) for i in range(3)]
-    return product(G, np.column_stack(along))
+    return replace(given, force=np.column_stack(along))
 
 
 def _no_triad(recording: Recording, gyro: str) -> TiltcalError:
@@ -276,7 +293,7 @@ def correct_pieces(
     """
     setup = setup_of(calibration)
     done = Corrected()
-    terms = ThermalTerms.among({n: e.value for n, e in calibration.parameters.items()})
+    terms = temperature_terms(calibration, setup)
     stream = None if terms is None else ThermalStream(terms)
     for piece, force in _with_force(pieces, calibration, setup):
         course = None if stream is None else thermal_course(piece, stream)
@@ -293,7 +310,8 @@ def _with_force(
     it to the first one after it. A piece waits for that one.
     """
     gyros = [setup.named(n) for n in calibration.sensors()]
-    pulled = [gyro.name for gyro in gyros if calibration.g_sensitivity(gyro) is not None]
+    g = setup.site.gravity
+    pulled = [s.name for s in gyros if calibration.of_sensor(s, g).follows_force(s) is not None]
     if not pulled:
         yield from ((piece, None) for piece in pieces)
         return

@@ -1,15 +1,15 @@
-"""Calibration: recovered parameters with covariance, tests and a verdict; saved, loaded, applied,
-which inverts ``reading = bias + M f + h(f)``.
+"""Calibration: recovered parameters with covariance, tests and a verdict; saved, loaded and
+applied.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tiltcal.calibration.bias_table import PlacingCorrector, tables_of
 from tiltcal.calibration.stored import StoredCalibration
 from tiltcal.calibration.validity import VERDICTS, Test, Verdict
 from tiltcal.core.arrays import Array
@@ -19,112 +19,13 @@ from tiltcal.core.frames import tilt_of_force
 from tiltcal.core.numerical import undetermined
 from tiltcal.core.read_back import checked, read_json
 from tiltcal.core.tabular import Tabular
-from tiltcal.core.units import G0, PARAMETER_UNITS, readable_unit
+from tiltcal.core.units import G0, readable_unit
+from tiltcal.effects.sense import Sense
+from tiltcal.instrument.model import InstrumentModel
+from tiltcal.instrument.placing import PlacingBias, PlacingCorrector, tables_of
+from tiltcal.instrument.terms import model_of
 from tiltcal.recordings.static_poses import PoseSpan
 from tiltcal.setup.sensor import Sensor
-
-LINEAR = ("bias_", "scale_", "cross_")
-ROUNDS = 20  # each round reduces the error by about the size of the higher-order terms
-
-
-def higher_order_terms(parameters: "Mapping[str, Estimate]", sensor: Sensor) -> dict[str, float]:
-    """Terms of a sensor beyond bias, scale and cross-axis: effect parameter -> SI value."""
-    from tiltcal.effects import CATALOGUE
-
-    found = {}
-    for name, estimate in parameters.items():
-        owner, _, term = name.partition(".")
-        if owner != sensor.name or term.startswith(LINEAR):
-            continue
-        if _effect_id(term) in CATALOGUE:
-            found[term] = estimate.value * PARAMETER_UNITS[estimate.unit].factor
-    return found
-
-
-def force_of_reading(
-    M: Array, unbiased: Array, higher: Mapping[str, float], sensor: Sensor, g: float
-) -> Array:
-    """f of ``unbiased = M f + h(f)``, (n, k), by fixed-point iteration from ``f = unbiased``.
-
-    Args:
-        M: sensitivity, (k, 3).
-        unbiased: readings less the bias, SI, (n, k).
-        higher: terms of h as ``higher_order_terms`` gives them.
-        sensor: with two axes, the third component follows from |f| = g.
-        g: m/s2.
-    """
-    inverse = np.asarray(np.linalg.inv(M[:, list(sensor.axis_indices)]), dtype=float)
-    if not higher and len(sensor.axes) != 2:
-        return product(inverse, unbiased)
-    found = np.array(unbiased)
-    rows = np.arange(len(found))
-    for _ in range(ROUNDS):  # each reading for itself: the same whatever stands beside it
-        before = found[rows]
-        y = unbiased[rows] - _higher_order(higher, sensor, before, g)
-        after = product(inverse, y - _by_missing_axis(M, sensor, before, g))
-        found[rows] = after
-        rows = rows[(np.abs(after - before) >= 1e-13 * g).any(axis=1)]
-        if not len(rows):
-            break
-    return found
-
-
-def product(A: Array, v: Array) -> Array:
-    """A v for each row of v, (n, k) -> (n, m): summed in one order, so that a row's result does not
-    depend on how many others stand beside it, as it may in a product of matrices.
-    """
-    found = np.empty((len(v), len(A)))
-    for i, row in enumerate(A):
-        total = row[0] * v[:, 0]
-        for j in range(1, len(row)):
-            total += row[j] * v[:, j]
-        found[:, i] = total
-    return found
-
-
-def _effect_id(term: str) -> str:
-    """Id of the effect behind a parameter such as ``K2_x``."""
-    return f"acc_{term[:-2]}"
-
-
-def _higher_order(higher: Mapping[str, float], sensor: Sensor, f: Array, g: float) -> Array | float:
-    """h(f), (n, k)."""
-    if not higher:
-        return 0.0
-    from tiltcal.effects import CATALOGUE
-    from tiltcal.effects.base import TermEffect
-    from tiltcal.effects.sense import Sense
-
-    sense = Sense.at_rest(sensor, g, _all_axes(f, sensor, g))
-    total = np.zeros_like(f)
-    for term, value in higher.items():
-        effect = CATALOGUE[_effect_id(term)]()
-        if isinstance(effect, TermEffect):
-            channel, column = effect.term(term[0].lower() + term[1:], sense)
-            total[:, channel] += value * column
-    return total
-
-
-def _all_axes(f: Array, sensor: Sensor, g: float) -> Array:
-    """Forces along all three body axes, (n, 3): a missing one follows from |f| = g, positive."""
-    full = np.zeros((len(f), 3))
-    full[:, list(sensor.axis_indices)] = f
-    if f.shape[1] == 2:
-        (missing,) = set(range(3)) - set(sensor.axis_indices)
-        full[:, missing] = np.sqrt(np.maximum(g * g - (f * f).sum(axis=1), 0.0))
-    return full
-
-
-def _by_missing_axis(M: Array, sensor: Sensor, f: Array, g: float) -> Array | float:
-    """What the force along a missing axis adds to the readings, (n, k); it is taken from the
-    last f.
-    """
-    rows = list(sensor.axis_indices)
-    if len(rows) != 2 or not sensor.is_accelerometer:
-        return 0.0
-    (missing,) = set(range(3)) - set(rows)
-    return np.outer(_all_axes(f, sensor, g)[:, missing], M[:, missing])
-
 
 FRAMES = (
     "world x East, y North, z Up; f = a - gravity, level at rest (0, 0, +g); body axes as the"
@@ -218,22 +119,50 @@ class Calibration(Tabular):
         names = [name.split(".")[0] for name in (*self.parameters, *self.bias_tables)]
         return [n for n in dict.fromkeys(names) if n not in NO_SENSORS]
 
-    def sensitivity(self, sensor: Sensor) -> Array:
-        """The matrix M of ``reading = bias + M f``, (k, 3): identity rows plus scale and cross
-        terms.
+    def instrument(self, sensors: Sequence[Sensor], gravity: float) -> InstrumentModel:
+        """The model of the instrument that the parameters and tables describe.
+
+        Args:
+            sensors: of the set-up.
+            gravity: m/s2.
         """
-        rows = sensor.axis_indices
-        M = np.eye(3)[list(rows)]
-        for i, axis in enumerate(sensor.axes):
-            M[i, rows[i]] += self.value(f"{sensor.name}.scale_{axis}")
-            for j, other in enumerate("xyz"):
-                if other != axis:
-                    M[i, j] += self.value(f"{sensor.name}.cross_{axis}{other}")
-        return M
+        tables = []
+        for sensor in sensors:
+            if (corrector := self.placing(sensor, gravity)) is not None:
+                tables += [
+                    PlacingBias({}, sensor.name, axis, table=table, lookup=corrector.lookup)
+                    for axis, table in corrector.tables.items()
+                ]
+        tabulated = {table.sensor for table in tables}
+        # the smooth fit of a table is another form of the same bias
+        values = {
+            name: (e.value, e.unit)
+            for name, e in self.parameters.items()
+            if name.partition(".")[0] not in tabulated
+        }
+        names = list(self.parameters)
+        rows = [names.index(name) for name in values]
+        covariance = np.asarray(self.covariance)[np.ix_(rows, rows)]
+        return model_of(sensors, gravity, values, covariance, tables)
+
+    @cached_property
+    def _models(self) -> dict[tuple[str, float], InstrumentModel]:
+        return {}
+
+    def of_sensor(self, sensor: Sensor, gravity: float) -> InstrumentModel:
+        """The model of one sensor, kept for the next call. gravity: m/s2."""
+        key = (sensor.name, gravity)
+        if key not in self._models:
+            self._models[key] = self.instrument((sensor,), gravity)
+        return self._models[key]
+
+    def sensitivity(self, sensor: Sensor) -> Array:
+        """The matrix M of ``reading = bias + M f``, (k, 3)."""
+        return self.of_sensor(sensor, G0).linear(sensor)[1]
 
     def bias(self, sensor: Sensor) -> Array:
         """Bias of each channel, SI, (k,)."""
-        return np.array([self.value(f"{sensor.name}.bias_{axis}") for axis in sensor.axes])
+        return self.of_sensor(sensor, G0).linear(sensor)[0]
 
     def placing(
         self, sensor: Sensor, g: float, lookup: str | None = None
@@ -243,23 +172,19 @@ class Calibration(Tabular):
         tables = tables_of(self.bias_tables, sensor.name, values)
         return PlacingCorrector(tables, g, lookup or self.lookup) if tables else None
 
-    def g_sensitivity(self, sensor: Sensor) -> Array | None:
-        """G of ``reading = ... + G f`` of a gyro, rad/s per m/s2, (k, 3); None where it was not
-        estimated.
-        """
-        names = [[f"{sensor.name}.gsens_{axis}{other}" for other in "xyz"] for axis in sensor.axes]
-        if not any(name in self.parameters for row in names for name in row):
-            return None
-        G = np.array([[self.value(name) for name in row] for row in names])
-        return G * PARAMETER_UNITS["deg_h_g"].factor / G0
+    def correct(
+        self, sensor: Sensor, reading: Array, g: float, given: Sense | None = None
+    ) -> Array:
+        """Corrected readings, SI in the sensing form (f or rate), (n, k): see
+        ``InstrumentModel.invert``.
 
-    def correct(self, sensor: Sensor, reading: Array, g: float) -> Array:
-        """Corrected readings, SI in the sensing form (f or rate), (n, k).
+        With placing-angle tables: x and y less their table, NaN outside the range of the table.
 
-        A triad: M^-1 (reading - bias). Two channels: the third component follows from |f| = g, z
-        up. Higher-order terms (K2, K3, ...) are subtracted at the last corrected force until
-        nothing changes. With placing-angle tables: x and y less their table, NaN outside the range
-        of the table.
+        Args:
+            sensor: which.
+            reading: in the sensing form, SI, (n, k).
+            g: m/s2.
+            given: time, temperature, and the force with a gyro, where the model needs them.
         """
         corrector = self.placing(sensor, g)
         if corrector is not None:
@@ -267,11 +192,7 @@ class Calibration(Tabular):
             corrected = np.array(reading)
             corrected[:, columns[:2]] = corrector.correct(reading[:, columns])
             return corrected
-        unbiased = reading - self.bias(sensor)
-        if sensor.kind == "fog":
-            return np.asarray(unbiased / (1 + self.value(f"{sensor.name}.scale_a")))
-        higher = higher_order_terms(self.parameters, sensor)
-        return force_of_reading(self.sensitivity(sensor), unbiased, higher, sensor, g)
+        return self.of_sensor(sensor, g).invert(sensor, reading, given)
 
     def to_json(self) -> dict[str, Any]:
         """The table of CAL.json."""

@@ -36,6 +36,8 @@ class Sense:
         standstills: when each standstill began and ended; None: with the first and the last row of
             a stop.
         turn_rates: of each table axis, rad/s, (n,).
+        temperature_memory: what remains of earlier temperatures, (n,), where it was followed
+            already; None: an effect follows it from ``temperature``.
     """
 
     time: Array
@@ -56,6 +58,7 @@ class Sense:
     stop: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None
     standstills: Callable[[], Standstills] | None = None
     turn_rates: Mapping[str, Array] = field(default_factory=dict)
+    temperature_memory: Array | None = None
 
     @cached_property
     def coning(self) -> Array:
@@ -111,9 +114,13 @@ class Sense:
             sensor.full_scale,
         )
 
+    def vector_input(self) -> Array:
+        """What the kind of sensor senses along all three body axes, force or rate, (n, 3)."""
+        return self.force if self.kind in ACCELEROMETERS else self.rate
+
     def true_input(self) -> Array:
         """The ideal reading, (n, k): force or rate along each channel, before any error."""
         if self.kind == "fog":
             return np.asarray(self.rate @ self.input_vector)[:, None]
-        source = self.force if self.kind in ACCELEROMETERS else self.rate
+        source = self.vector_input()
         return source.copy() if self.axes == (0, 1, 2) else np.array(source[:, list(self.axes)])

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.calibration.bias_table import BiasTable
 from tiltcal.calibration.methods.placing_smooth import basis, smooth_names
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
@@ -26,6 +25,7 @@ from tiltcal.effects.mount.mounting import MountMisalignment
 from tiltcal.effects.sense import Sense
 from tiltcal.effects.table.geometry import TableLevelling
 from tiltcal.forward.signal_chain import CONVERSION
+from tiltcal.instrument.placing import BiasTable
 from tiltcal.laboratory.laboratory import true_readings
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup

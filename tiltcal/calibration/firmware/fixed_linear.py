@@ -20,9 +20,8 @@ from tiltcal.calibration.firmware.fixed_point import (
     fixed_temperature,
     places_for,
 )
-from tiltcal.calibration.firmware.linear_terms import LinearTerms, SensorTerms, over_range
+from tiltcal.calibration.firmware.linear_terms import ROUNDS, LinearTerms, SensorTerms, over_range
 from tiltcal.calibration.firmware.log_units import LogUnit
-from tiltcal.calibration.thermal import ROUNDS
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import G0

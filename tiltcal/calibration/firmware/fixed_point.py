@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from tiltcal.calibration.firmware.linear_terms import LinearTerms
-from tiltcal.calibration.thermal import SHORTEST, Memory
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
+from tiltcal.instrument.temperature import SHORTEST, Memory
 
 UNIT_PLACES = 30  # of u, the temperature from -1 to 1
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from tiltcal import __version__
-from tiltcal.calibration.bias_table import PASSES, STEEP, BiasTable, PlacingCorrector
 from tiltcal.calibration.firmware.fixed_linear import fixed_sensors, range_of, stated
 from tiltcal.calibration.firmware.fixed_point import (
     HYSTERESIS_PLACES,
@@ -30,6 +29,7 @@ from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.safe_text import plain
 from tiltcal.core.units import DEG
+from tiltcal.instrument.placing import PASSES, STEEP, BiasTable, PlacingCorrector
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup

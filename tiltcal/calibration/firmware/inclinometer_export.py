@@ -15,7 +15,7 @@ from tiltcal.calibration.firmware.fixed_linear import Range
 from tiltcal.calibration.firmware.fixed_point import FixedMatrix, decimals, integers, places_for
 from tiltcal.calibration.firmware.linear_export import row_of
 from tiltcal.calibration.firmware.log_units import LogUnit, log_unit
-from tiltcal.calibration.result import ROUNDS, Calibration
+from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording
@@ -23,6 +23,7 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
 PLACES = 30  # of sines
+ROUNDS = 20  # each reduces the error by about the size of the cross-axis terms
 STEEPEST = radians(80)  # inclination up to which the error is stated
 SINE, ARCSINE = 7, 9  # terms of sin(90 deg v) / v and asin(x) / x in powers of the square
 SHARE = 0.5  # of itself that a wrong force may add to the next one

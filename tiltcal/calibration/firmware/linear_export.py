@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.calibration.firmware.linear_terms import LinearTerms, SensorTerms
-from tiltcal.calibration.thermal import ROUNDS, SHORTEST
+from tiltcal.calibration.firmware.linear_terms import ROUNDS, LinearTerms, SensorTerms
 from tiltcal.core.arrays import Array
+from tiltcal.instrument.temperature import SHORTEST
 
 
 def float_numbers(terms: LinearTerms) -> dict[str, Any]:

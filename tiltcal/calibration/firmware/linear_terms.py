@@ -6,16 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import Polynomial
 
+from tiltcal.calibration.correction import temperature_terms
 from tiltcal.calibration.firmware.log_units import LogUnit, log_unit
 from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.thermal import Memory, ThermalTerms
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
+from tiltcal.instrument.model import InstrumentModel
+from tiltcal.instrument.temperature import Memory, TemperatureTerms
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
 LINEAR = ("bias_", "scale_", "cross_", "gsens_", "temp")
+ROUNDS = 6  # in C: each reduces the error by the size of the axes' terms over temperature
 
 
 @dataclass(frozen=True)
@@ -85,18 +88,17 @@ def linear_terms(
     """
     sensors = [setup.named(n) for n in calibration.sensors()]
     _require_linear(calibration, sensors)
-    values = {n: e.value for n, e in calibration.parameters.items()}
-    terms = ThermalTerms.among(values)
-    found = tuple(_sensor_terms(calibration, s, setup, terms, log) for s in sensors)
+    found = tuple(_sensor_terms(calibration, s, setup, log) for s in sensors)
+    terms = temperature_terms(calibration, setup)
     if terms is None:
         return LinearTerms(found)
     return LinearTerms(
         found,
         terms.memory,
-        terms.reference,
-        terms.smoothing,
-        float(np.floor(values["temperature.lowest"])),
-        float(np.ceil(values["temperature.highest"])),
+        calibration.value("temperature.T0"),
+        terms.value("smoothing"),
+        float(np.floor(calibration.value("temperature.lowest"))),
+        float(np.ceil(calibration.value("temperature.highest"))),
     )
 
 
@@ -129,37 +131,20 @@ def _bent(calibration: Calibration, sensor: Sensor) -> bool:
 
 
 def _sensor_terms(
-    calibration: Calibration,
-    sensor: Sensor,
-    setup: Setup,
-    terms: ThermalTerms | None,
-    log: Recording | None,
+    calibration: Calibration, sensor: Sensor, setup: Setup, log: Recording | None
 ) -> SensorTerms:
     unit = log_unit(sensor, log)
+    model = calibration.of_sensor(sensor, setup.site.gravity)
     rows = list(sensor.axis_indices)
-    inverse = np.asarray(np.linalg.inv(calibration.sensitivity(sensor)[:, rows]), dtype=float)
-    offset = unit.zero + calibration.bias(sensor) / unit.factor
-    force = _force_terms(calibration, sensor, unit, setup, log)
+    zero, M = model.linear(sensor)
+    inverse = np.asarray(np.linalg.inv(M[:, rows]), dtype=float)
+    offset = unit.zero + zero / unit.factor
+    force = _force_terms(model, sensor, unit, setup, log)
     if force is not None:
         offset = offset - force.matrix @ force.unit.zero
-    k, scale = len(rows), unit.corrected_factor / unit.factor
-    bias, memory, slope = np.zeros((0, k)), np.zeros(k), np.zeros((0, k, k))
-    if terms is not None:
-        name, axes = sensor.name, sensor.axes
-        powers = range(1, terms.order(name, "bias") + 1)
-        bias = np.array(
-            [[terms.coefficient(name, n, f"bias_{a}") for a in axes] for n in powers]
-        ).reshape(-1, k)
-        memory = np.array([terms.values.get(f"{name}.tempmem_{a}", 0.0) for a in axes])
-        slope = np.array(
-            [
-                [
-                    [terms.coefficient(name, n, terms.axis_term(sensor, i, j)) for j in rows]
-                    for i in range(k)
-                ]
-                for n in range(1, terms.axes_order(name) + 1)
-            ]
-        ).reshape(-1, k, k)
+    scale = unit.corrected_factor / unit.factor
+    terms = model.temperature_terms(sensor) or TemperatureTerms()
+    bias, slope, memory = terms.coefficients(sensor)
     return SensorTerms(
         sensor,
         unit,
@@ -168,14 +153,14 @@ def _sensor_terms(
         force,
         bias / unit.factor,
         memory / unit.factor,
-        slope * scale,
+        slope[:, :, rows] * scale,
     )
 
 
 def _force_terms(
-    calibration: Calibration, sensor: Sensor, unit: LogUnit, setup: Setup, log: Recording | None
+    model: InstrumentModel, sensor: Sensor, unit: LogUnit, setup: Setup, log: Recording | None
 ) -> ForceTerms | None:
-    G = calibration.g_sensitivity(sensor)
+    G = model.follows_force(sensor)
     if G is None:
         return None
     triads = [s for s in setup.sensors("accelerometer") if len(s.axes) == 3]

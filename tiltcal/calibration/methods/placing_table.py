@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.calibration.bias_table import LOOKUPS
 from tiltcal.calibration.methods.common import (
     leave_out_rms,
     pick_sensor,
@@ -45,6 +44,7 @@ from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.units import DEG
+from tiltcal.instrument.placing import LOOKUPS
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, find_segments
 from tiltcal.recordings.static_poses import Poses, find_poses

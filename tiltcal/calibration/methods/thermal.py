@@ -20,11 +20,12 @@ from tiltcal.calibration.methods.thermal_model import (
 )
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.calibration.screen.channels import channel_tests
-from tiltcal.calibration.thermal import OWNER, Memory, TemperatureCourse
 from tiltcal.calibration.validity import Test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import G0
+from tiltcal.instrument.temperature import Memory, TemperatureCourse
+from tiltcal.instrument.terms import SHARED
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.static_poses import PoseSpan
@@ -250,7 +251,7 @@ def _calibration(
 ) -> Calibration:
     from scipy.linalg import block_diag
 
-    parameters = {f"{OWNER}.{n}": Estimate(v, 0.0, unit) for n, (v, unit) in shared.items()}
+    parameters = {f"{SHARED}.{n}": Estimate(v, 0.0, unit) for n, (v, unit) in shared.items()}
     covariances: list[Array] = [np.zeros((len(parameters),) * 2)]
     for part in parts:
         found, blocks = part.parameters()

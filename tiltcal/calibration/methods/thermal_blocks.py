@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.calibration.methods.thermal_model import FOLDS, Blocks
-from tiltcal.calibration.thermal import held
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt
 from tiltcal.core.units import G0
+from tiltcal.instrument.temperature import held
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.recordings.static_poses import find_poses

@@ -8,9 +8,9 @@ from itertools import product
 
 import numpy as np
 
-from tiltcal.calibration.thermal import Memory, TemperatureCourse
 from tiltcal.core.arrays import Array, Index
 from tiltcal.core.frames import AXES
+from tiltcal.instrument.temperature import Memory, TemperatureCourse
 
 ORDERS = range(6)  # of the bias
 AXIS_ORDERS = range(4)  # of scale and cross-axis terms

@@ -3,15 +3,19 @@ sample at a time or in blocks.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import asin, atan2, cos, nan, pi, sin, sqrt
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS, DEG
+from tiltcal.effects.base import SignalEffect, TermEffect
+from tiltcal.effects.parameter import Parameter, Stage
+from tiltcal.effects.sense import ACCELEROMETERS, Sense
+from tiltcal.effects.sensor.dynamics import placing_angle
 
 LOOKUPS = ("interpolated", "rounded", "smooth")
 PASSES = 2  # a bias b of the other axis shifts the angle by b/g: the second pass leaves (b/g)^2
@@ -139,6 +143,42 @@ def _wave(sensor: str, axis: str, values: Mapping[str, float]) -> tuple[float, .
         n = (len(names) + 1) // 2
         names += [f"{sensor}.cos{n}_{axis}", f"{sensor}.sin{n}_{axis}"]
     return tuple(values[n] for n in names) if len(names) > 1 else ()
+
+
+@dataclass(frozen=True)
+class PlacingBias(SignalEffect):
+    """A zero bias that is tabulated against the placing angle of its axis.
+
+    Args:
+        table: of the channel ``axis``.
+        lookup: how it is read, see ``BiasTable.at``.
+    """
+
+    id: ClassVar[str] = "placing_bias"
+    stage: ClassVar[Stage] = "sensor"
+    kinds: ClassVar[frozenset[str]] = ACCELEROMETERS
+    order: ClassVar[int] = 25
+    row_wise: ClassVar[bool] = True
+    title: ClassVar[str] = "tabulated zero bias against the placing angle"
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    equation: ClassVar[str] = "reading_i += table_i(beta_i); beta_i: turn about axis i from level"
+    source: ClassVar[str] = "CN 109459585; Physics: Placing-angle tables"
+    table: BiasTable | None = None
+    lookup: str = "interpolated"
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        if self.table is not None and self.axis is not None:
+            channel = TermEffect.channel_of(self.axis, sense)
+            angle = placing_angle(self.axis, sense.force)
+            reading[:, channel] += self.table.at(angle, self.lookup)
+        return reading
+
+    def sigma(self, sense: Sense) -> Array:
+        """Standard uncertainty of the table at what a sensor senses, m/s2, (n,)."""
+        assert self.table is not None
+        assert self.axis is not None
+        stated = replace(self.table, values=self.table.sigmas)
+        return stated.at(placing_angle(self.axis, sense.force))
 
 
 class PlacingCorrector:

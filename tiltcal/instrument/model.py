@@ -1,0 +1,232 @@
+"""An instrument as effects of the catalogue with values and one covariance.
+
+A scenario injects effects, a diagnosis amends them and a calibration estimates them: all three give
+an ``InstrumentModel``. It predicts what a sensor reads, how that depends on each parameter, and
+which input a reading stands for.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.effects.base import Effect, SignalEffect, TermEffect
+from tiltcal.effects.sense import Sense
+from tiltcal.instrument.temperature import TemperatureTerms
+from tiltcal.setup.sensor import Sensor
+
+ROUNDS = 40  # of an inversion: each reduces the error by the size of the terms beyond the linear
+CONVERGED = 1e-13  # of the size of an input: the rounding of a few sums
+STEP = 1e-6  # of a sigma and more: of a difference quotient where an effect has no column
+
+
+@dataclass(frozen=True)
+class ModelParameter:
+    """A parameter of a model.
+
+    Args:
+        name: as CAL.json has it, such as ``accel.K2_x``.
+        effect: number of its effect in the model.
+        key: its name in that effect, such as ``k2_x``.
+    """
+
+    name: str
+    effect: int
+    key: str
+
+
+@dataclass(frozen=True)
+class InstrumentModel:
+    """What an instrument is.
+
+    Args:
+        sensors: whose signals the effects act on.
+        gravity: m/s2.
+        effects: with their values, SI.
+        parameters: those with an uncertainty, in the order of the covariance.
+        covariance: SI, (p, p).
+        reference_degC: temperature at which terms over temperature vanish.
+    """
+
+    sensors: tuple[Sensor, ...]
+    gravity: float
+    effects: tuple[Effect, ...]
+    parameters: tuple[ModelParameter, ...]
+    covariance: Array
+    reference_degC: float | None = None
+
+    def signal(self, sensor: Sensor) -> list[SignalEffect]:
+        """The effects on the reading of a sensor in the order in which they act."""
+        own = [e for e in self.effects if isinstance(e, SignalEffect) and e.sensor == sensor.name]
+        return sorted((e for e in own if not e.random), key=lambda e: e.order)
+
+    @cached_property
+    def geometry(self) -> tuple[Effect, ...]:
+        """The effects that turn or move the instrument."""
+        return tuple(e for e in self.effects if not isinstance(e, SignalEffect))
+
+    def temperature_terms(self, sensor: Sensor) -> TemperatureTerms | None:
+        """The terms over temperature of a sensor; None where it has none."""
+        return next((e for e in self.signal(sensor) if isinstance(e, TemperatureTerms)), None)
+
+    def predict(self, sensor: Sensor, sense: Sense) -> Array:
+        """What a sensor reads, in the sensing form (force or rate), SI, (n, k).
+
+        Args:
+            sensor: which.
+            sense: what it senses, (n,) rows.
+        """
+        reading = sense.true_input()
+        for effect in self.signal(sensor):
+            reading = effect.apply(reading, sense, None)
+        return reading
+
+    def sensitivity(self, sensor: Sensor, sense: Sense) -> Array:
+        """Change of the reading per unit of each parameter of its signal, SI, (p, n, k); zero for
+        the parameters of other sensors and of the geometry.
+
+        Args:
+            sensor: which.
+            sense: what it senses, (n,) rows.
+        """
+        found = np.zeros((len(self.parameters), len(sense.time), len(sensor.axes)))
+        for j, parameter in enumerate(self.parameters):
+            effect = self.effects[parameter.effect]
+            if not isinstance(effect, SignalEffect) or effect.sensor != sensor.name:
+                continue
+            if isinstance(effect, TermEffect):
+                channel, column = effect.term(parameter.key, sense)
+                if channel >= 0:
+                    found[j, :, channel] = column
+            else:
+                found[j] = self._quotient(sensor, sense, j)
+        return found
+
+    def _quotient(self, sensor: Sensor, sense: Sense, j: int) -> Array:
+        """Difference quotient of the reading along parameter ``j``, (n, k)."""
+        step = max(float(np.sqrt(self.covariance[j, j])), STEP)
+        ahead = self.moved({j: step}).predict(sensor, sense)
+        return (ahead - self.moved({j: -step}).predict(sensor, sense)) / (2 * step)
+
+    def moved(self, steps: Mapping[int, float]) -> "InstrumentModel":
+        """The model with some parameters changed by these steps, SI."""
+        effects = list(self.effects)
+        for j, step in steps.items():
+            p = self.parameters[j]
+            effect = effects[p.effect]
+            values = {**effect.values, p.key: effect.value(p.key) + step}
+            effects[p.effect] = replace(effect, values=values)
+        return replace(self, effects=tuple(effects))
+
+    @cached_property
+    def _linear(self) -> dict[str, tuple[Array, Array]]:
+        return {sensor.name: self._expansion(sensor) for sensor in self.sensors}
+
+    def linear(self, sensor: Sensor) -> tuple[Array, Array]:
+        """Bias, SI, (k,), and sensitivity to the input along each body axis, (k, 3), by the bias,
+        scale-factor and cross-axis terms; of a FOG along its own axis, (1, 1).
+        """
+        return self._linear[sensor.name]
+
+    def _expansion(self, sensor: Sensor) -> tuple[Array, Array]:
+        width = 1 if sensor.kind == "fog" else 3
+        inputs = np.concatenate([np.zeros((1, width)), np.eye(width)])
+        sense = self._sense_of(sensor, inputs, None)
+        ideal = sense.true_input()
+        bias, M = np.zeros(len(sensor.axes)), np.asarray((ideal[1:] - ideal[0]).T)
+        for effect in self.signal(sensor):
+            if effect.calibration_term and isinstance(effect, TermEffect):
+                for name, value in effect.sizes.items():
+                    channel, column = effect.term(name, sense)
+                    bias[channel] += value * column[0]
+                    M[channel] += value * (column[1:] - column[0])
+        return bias, M
+
+    def follows_force(self, sensor: Sensor) -> Array | None:
+        """Reading of a rate sensor per unit of force along each body axis, rad/s per m/s2, (k, 3);
+        None where it does not depend on the force.
+        """
+        if sensor.is_accelerometer:
+            return None
+        force = np.concatenate([np.zeros((1, 3)), np.eye(3)])
+        read = self.predict(sensor, Sense.at_rest(sensor, self.gravity, force))
+        slope = np.asarray((read[1:] - read[0]).T)
+        return slope if slope.any() else None
+
+    def unit_input(self, sensor: Sensor) -> float:
+        """Size of an ordinary input: g, m/s2, or 1 rad/s."""
+        return self.gravity if sensor.is_accelerometer else 1.0
+
+    def invert(self, sensor: Sensor, reading: Array, given: Sense | None = None) -> Array:
+        """The input that a reading stands for, along each channel, SI, (n, k).
+
+        Newton's iteration with the sensitivity of ``linear``. With two channels of an accelerometer
+        the third component follows from \\|f\\| = g, pointing up.
+
+        Args:
+            sensor: which.
+            reading: in the sensing form, SI, (n, k).
+            given: what is known of the rows in addition: time, temperature, and with a gyro the
+                force; the rate across the axis of a FOG.
+        """
+        bias, M = self.linear(sensor)
+        columns = [0] if sensor.kind == "fog" else list(sensor.axis_indices)
+        inverse = np.asarray(np.linalg.inv(M[:, columns]))
+        found = product(inverse, reading - bias)
+        if len(columns) == M.shape[1] and all(e.calibration_term for e in self.signal(sensor)):
+            return found
+        limit = CONVERGED * self.unit_input(sensor)
+        active = np.ones(len(found), bool)
+        for _ in range(ROUNDS):
+            sense = self._sense_of(sensor, self._complete(sensor, found), given)
+            step = product(inverse, reading - self.predict(sensor, sense))
+            # each reading by itself: the same whatever others are corrected with it
+            found[active] += step[active]
+            active &= (np.abs(step) >= limit).any(axis=1)
+            if not active.any():
+                break
+        return found
+
+    def _complete(self, sensor: Sensor, found: Array) -> Array:
+        """Inputs along all body axes from those along the channels, (n, 3)."""
+        if sensor.kind == "fog":
+            return found
+        full = np.zeros((len(found), 3))
+        full[:, list(sensor.axis_indices)] = found
+        if sensor.is_accelerometer and found.shape[1] == 2:
+            (missing,) = set(range(3)) - set(sensor.axis_indices)
+            g = self.gravity
+            full[:, missing] = np.sqrt(np.maximum(g * g - (found * found).sum(axis=1), 0.0))
+        return full
+
+    def _sense_of(self, sensor: Sensor, inputs: Array, given: Sense | None) -> Sense:
+        """What a sensor senses with these inputs, (n, 3), of a FOG (n, 1)."""
+        if given is None:
+            given = Sense.at_rest(sensor, self.gravity, np.zeros((len(inputs), 3)))
+        if sensor.is_accelerometer:
+            return replace(given, force=inputs)
+        if sensor.kind == "fog":
+            along = sensor.input_vector
+            across = given.rate - np.outer(given.rate @ along, along)
+            return replace(given, rate=across + inputs * along, input_vector=along)
+        return replace(given, rate=inputs)
+
+
+def product(A: Array, v: Array) -> Array:
+    """A v for each row of v, (n, k) -> (n, m): summed in one order, so that a row's result does not
+    depend on how many others there are, as it may in a product of matrices.
+    """
+    found = np.empty((len(v), len(A)))
+    for i, row in enumerate(A):
+        total = row[0] * v[:, 0]
+        for j in range(1, len(row)):
+            total += row[j] * v[:, j]
+        found[:, i] = total
+    return found
+
+
+def sensors_of(effects: Sequence[Effect]) -> list[str]:
+    """Names of the sensors that effects act on, in order."""
+    return list(dict.fromkeys(e.sensor for e in effects if e.sensor is not None))

@@ -1,0 +1,110 @@
+"""Names of calibration terms, ``<sensor>.<term>``, and the effects that have them."""
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import PARAMETER_UNITS
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.base import Effect, TermEffect
+from tiltcal.effects.table.geometry import TableLevelling
+from tiltcal.instrument.model import InstrumentModel, ModelParameter
+from tiltcal.instrument.placing import PlacingBias
+from tiltcal.instrument.temperature import TemperatureTerms
+from tiltcal.setup.sensor import Sensor
+
+SHARED = "temperature"  # owner of what all terms over temperature follow
+BASE = {"base.roll": "tilt_east", "base.pitch": "tilt_north"}
+"""Parameters of the set-up: those of ``table_levelling``."""
+Key = tuple[type[Effect], str | None]
+"""An effect, and the sensor it acts on."""
+
+
+def term_name(parameter: str) -> str:
+    """Name of a term as CAL.json has it, from that of the effect's parameter: ``k2_x`` is
+    ``K2_x``.
+    """
+    return parameter[0].upper() + parameter[1:] if parameter[:1] == "k" else parameter
+
+
+@lru_cache(maxsize=64)
+def terms_of(kind: str, axes: tuple[str, ...]) -> Mapping[str, tuple[type[TermEffect], str]]:
+    """Every term of a sensor: its effect, and the parameter's name there.
+
+    Args:
+        kind: of the sensor.
+        axes: of the sensor.
+    """
+    found: dict[str, tuple[type[TermEffect], str]] = {}
+    effects: tuple[type[Effect], ...] = (TemperatureTerms, *CATALOGUE.values())
+    for cls in effects:
+        if issubclass(cls, TermEffect) and kind in cls.kinds:
+            for parameter in cls.parameters:
+                if not parameter.is_shape:
+                    for name in parameter.expand(axes):
+                        found.setdefault(term_name(name), (cls, name))
+    return found
+
+
+def si_factor(unit: str) -> float:
+    """SI value of one unit of a parameter, per whatever power of degC."""
+    stem, _, _ = unit.partition("_degC")
+    return 1.0 if stem in ("1", "") else PARAMETER_UNITS[stem].factor
+
+
+def model_of(
+    sensors: Sequence[Sensor],
+    gravity: float,
+    values: Mapping[str, tuple[float, str]],
+    covariance: Array,
+    tables: Sequence[PlacingBias] = (),
+) -> InstrumentModel:
+    """The model of an instrument by the names of its terms.
+
+    Args:
+        sensors: that the names may belong to; others, and terms that no effect has, are left out.
+        gravity: m/s2.
+        values: of each parameter, with its unit.
+        covariance: in the order and the units of the values, (p, p).
+        tables: placing-angle tables in addition.
+    """
+    by_name = {s.name: s for s in sensors}
+    shapes = {n: v for n, (v, _) in values.items() if n.startswith(f"{SHARED}.")}
+    groups: dict[Key, dict[str, float]] = {}
+    keys: list[tuple[str, Key, str, float]] = []
+    for name, (value, unit) in values.items():
+        owner, _, term = name.partition(".")
+        if name in BASE:
+            key: Key = (TableLevelling, None)
+            parameter = BASE[name]
+        elif owner in by_name and term in (
+            known := terms_of(by_name[owner].kind, by_name[owner].axes)
+        ):
+            effect, parameter = known[term]
+            key = (effect, owner)
+        else:
+            continue
+        factor = si_factor(unit)
+        groups.setdefault(key, {})[parameter] = value * factor
+        keys.append((name, key, parameter, factor))
+    order = list(groups)
+    memory = {n.partition(".")[2]: v for n, v in shapes.items()}
+    known_shapes = {p.name for p in TemperatureTerms.parameters if p.is_shape}
+    effects = []
+    for cls, owner_name in order:
+        added = memory if cls is TemperatureTerms else {}
+        shape = {n: v for n, v in added.items() if n in known_shapes}
+        effects.append(cls({**groups[cls, owner_name], **shape}, owner_name, role="calibration"))
+    names = list(values)
+    rows = [names.index(name) for name, *_ in keys]
+    factors = np.array([factor for *_, factor in keys])
+    return InstrumentModel(
+        tuple(sensors),
+        gravity,
+        (*effects, *tables),
+        tuple(ModelParameter(name, order.index(key), p) for name, key, p, _ in keys),
+        np.asarray(covariance)[np.ix_(rows, rows)] * np.outer(factors, factors),
+        memory.get("T0"),
+    )

@@ -167,6 +167,7 @@ class PlacingBias(SignalEffect):
     lookup: str = "interpolated"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        """See ``SignalEffect``; NaN outside the table. reading: SI, (n, k)."""
         if self.table is not None and self.axis is not None:
             channel = TermEffect.channel_of(self.axis, sense)
             angle = placing_angle(self.axis, sense.force)

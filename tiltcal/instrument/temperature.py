@@ -172,6 +172,7 @@ class TemperatureTerms(RowWiseTerm):
         return TemperatureCourse.of(time, temperature, self.value("smoothing"), self.memory, before)
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        """Channel and column of a coefficient, SI per unit, (n,): see ``TermEffect``."""
         kind, _, which = name.partition("_")
         if kind == "tempmem":
             return self.channel_of(which, sense), self._memory_of(sense)

@@ -12,14 +12,13 @@ from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.numerical import determining, one_thread
 from tiltcal.core.progress import Progress, silent
-from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.joining import joined
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rig_fit import suspected_rig
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.span_means import averaging_note
-from tiltcal.validation.cross_check import Check, check
+from tiltcal.validation.cross_check import Check, Limits, check
 from tiltcal.validation.uncertainty_budget import UncertaintyBudget, make_budget
 
 
@@ -87,7 +86,7 @@ def judged(
     calibration: Calibration,
     recording: Recording,
     scenario: Scenario,
-    limit_arcsec: float | None = None,
+    limits: Limits | None = None,
     dwells: Sequence[Segment] | None = None,
 ) -> Check:
     """Whether a calibration is good on another recording.
@@ -96,13 +95,12 @@ def judged(
         calibration: to judge.
         recording: that it has not seen.
         scenario: the set-up of the recording.
-        limit_arcsec: largest accepted rms error; without it the error has to agree with its own
+        limits: largest accepted rms errors; without any the errors have to agree with their own
             uncertainty.
         dwells: of the recording; found in it if not given.
 
     Raises:
         TiltcalError: the recording lacks the calibrated sensor, or time runs back in it.
     """
-    limit = None if limit_arcsec is None else limit_arcsec * ARCSEC
     with determining(recording.source, "whether this calibration is good on it"):
-        return check(calibration, recording.require_increasing(), scenario, limit, dwells)
+        return check(calibration, recording.require_increasing(), scenario, limits, dwells)

@@ -24,7 +24,7 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segment_files import read_segments
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.report.stated import Stated
-from tiltcal.validation.cross_check import Check
+from tiltcal.validation.cross_check import Check, Limits
 
 Recordings = Recording | Sequence[Recording]
 Dwells = Sequence[Segment] | Path | str
@@ -116,6 +116,9 @@ class Scenario(laboratory.Scenario):
         recording: Recording,
         *,
         limit_arcsec: float | None = None,
+        limit_ug: float | None = None,
+        limit_ppm: float | None = None,
+        limit_deg_h: float | None = None,
         segments: Dwells | None = None,
     ) -> Check:
         """Whether a calibration is good on another recording.
@@ -123,15 +126,19 @@ class Scenario(laboratory.Scenario):
         Args:
             calibration: to judge.
             recording: that it has not seen.
-            limit_arcsec: largest accepted rms error; without it the error has to agree with its
-                own uncertainty.
+            limit_arcsec: largest accepted rms error of the tilt; without any limit every
+                difference has to agree with its own uncertainty.
+            limit_ug: of the reading of an accelerometer.
+            limit_ppm: of the norm of the force.
+            limit_deg_h: of the reading of a rate sensor.
             segments: as in ``calibrate``.
 
         Raises:
             TiltcalError: the recording lacks the calibrated sensor.
         """
         dwells = _dwells(segments, recording).get("segments")
-        return judged(calibration, recording, self, limit_arcsec, dwells)
+        limits = Limits.of(limit_arcsec, limit_ug, limit_ppm, limit_deg_h)
+        return judged(calibration, recording, self, limits, dwells)
 
     def diagnose(
         self,

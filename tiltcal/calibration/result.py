@@ -62,6 +62,8 @@ class Calibration(Tabular):
         chi2_per_dof, dof: of the fit.
         heldout_rms: sensor -> rms residual of poses left out of the fit, SI.
         warnings: what the user should know.
+        own_frame: whether its axes are the sensor's own, turned by an unknown small rotation
+            against those of the table: the norm alone was the reference.
         bias_tables: placing-angle tables, ``<sensor>.<axis>`` -> entries; lookup: how they are
             read.
         provenance: what it came from.
@@ -82,6 +84,7 @@ class Calibration(Tabular):
     warnings: Sequence[str] = ()
     bias_tables: Mapping[str, list[dict[str, Any]]] = field(default_factory=dict)
     lookup: str = "interpolated"
+    own_frame: bool = False
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -218,6 +221,8 @@ class Calibration(Tabular):
             "warnings": list(self.warnings),
             "provenance": dict(self.provenance),
         }
+        if self.own_frame:
+            table["own_frame"] = True
         if self.bias_tables:
             table |= {"bias_tables": dict(self.bias_tables), "lookup": self.lookup}
         return table
@@ -300,6 +305,7 @@ def calibration_from(table: Mapping[str, Any], subject: str = "calibration") -> 
         c.warnings,
         {name: [e.model_dump() for e in entries] for name, entries in c.bias_tables.items()},
         c.lookup,
+        c.method == "norm" if c.own_frame is None else c.own_frame,
         c.provenance,
     )
 

@@ -95,6 +95,7 @@ class StoredCalibration(Stored):
     warnings: list[str] = []
     bias_tables: dict[str, list[StoredEntry]] = {}
     lookup: Literal["interpolated", "rounded", "smooth"] = "interpolated"
+    own_frame: bool | None = None
     provenance: dict[str, Any] = {}
 
     @model_validator(mode="after")

@@ -1,12 +1,13 @@
 """What a sensor senses: the input of every effect on its signal."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Index
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.trajectory import Standstills
 
@@ -113,6 +114,20 @@ class Sense:
             sensor.rate_hz,
             sensor.full_scale,
         )
+
+    def rows(self, rows: Index) -> "Sense":
+        """Some rows. rows: their numbers, (m,)."""
+        n = len(self.time)
+        arrays: dict[str, Any] = {
+            name: value[rows]
+            for name, value in vars(self).items()
+            if isinstance(value, np.ndarray) and len(value) == n and name != "input_vector"
+        }
+        angles, turning = (
+            {name: value[rows] for name, value in each.items()}
+            for each in (self.angles, self.turn_rates)
+        )
+        return replace(self, **arrays, angles=angles, turn_rates=turning)
 
     def vector_input(self) -> Array:
         """What the kind of sensor senses along all three body axes, force or rate, (n, 3)."""

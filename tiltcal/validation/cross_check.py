@@ -5,22 +5,90 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.validity import Test, chi2_test
+from tiltcal.calibration.result import Calibration, Estimate
+from tiltcal.calibration.validity import SIGNIFICANCE, Test, chi2_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.frames import best_rotation, tangents
 from tiltcal.core.tabular import Tabular
-from tiltcal.core.units import ARCSEC, DEG
-from tiltcal.effects.sensor.dynamics import placing_angle
+from tiltcal.core.units import ARCSEC, DEG_H, G0
+from tiltcal.instrument.terms import BASE, terms_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
-from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
-from tiltcal.validation.accuracy import estimated_up
+from tiltcal.validation.evidence import Evidence, evidence_at_rest, evidence_in_turns
 
 AGREES = "agrees with its uncertainty"
+CHANGEABLE = ("bias", "scale", "cross_axis")
+"""Terms of which one is named as the likeliest change where a recording does not agree."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Largest accepted rms differences; None: none.
+
+    Args:
+        tilt: rad.
+        force: of an accelerometer's reading, m/s2.
+        ratio: of the norm of the force, as a share of g.
+        rate: of a rate sensor's reading, rad/s.
+    """
+
+    tilt: float | None = None
+    force: float | None = None
+    ratio: float | None = None
+    rate: float | None = None
+
+    @classmethod
+    def of(
+        cls,
+        arcsec: float | None = None,
+        ug: float | None = None,
+        ppm: float | None = None,
+        deg_h: float | None = None,
+    ) -> "Limits":
+        """From numbers in the units of the command line.
+
+        Args:
+            arcsec: of the tilt.
+            ug: of the force.
+            ppm: of the norm.
+            deg_h: of the rate.
+        """
+        stated = ((arcsec, ARCSEC), (ug, 1e-6 * G0), (ppm, 1e-6), (deg_h, DEG_H))
+        return cls(*(None if value is None else value * unit for value, unit in stated))
+
+    @property
+    def stated(self) -> bool:
+        """Whether there is any."""
+        return any(limit is not None for limit in vars(self).values())
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One quantity of one sensor on the recording.
+
+    Args:
+        sensor: its name, or ``base``.
+        quantity: tilt, norm, force or rate with its channel, base.
+        unit: of the numbers.
+        rms, worst: difference of reading and prediction.
+        expected: rms by noise and by the calibration's covariance.
+        limit: largest accepted rms; None without one.
+    """
+
+    sensor: str
+    quantity: str
+    unit: str
+    rms: float
+    worst: float
+    expected: float
+    limit: float | None = None
+
+    @property
+    def kept(self) -> bool:
+        """Whether it keeps its limit."""
+        return self.limit is None or self.rms <= self.limit
 
 
 @dataclass(frozen=True)
@@ -28,14 +96,17 @@ class Check(Tabular):
     """How well a calibration predicts another recording.
 
     Args:
-        accepted: within the limit, or without one within its own uncertainty.
-        judged_by: ``tilt`` against known attitudes, ``norm`` where they are not known, ``base`` for
-            a base tilt, ``table`` for placing-angle tables.
-        rms, worst: error over the dwells, rad.
-        expected: rms error that noise and the calibration's covariance predict, rad.
-        poses: error of each dwell, rad, (m,).
-        tests: statistical ones.
+        accepted: within all limits, or without one within its own uncertainty.
+        judged_by: what the first sensor is judged by: ``tilt`` against known attitudes, ``norm``
+            where they are not known, ``table`` for placing-angle tables, ``rate``, or ``base`` for
+            a base tilt that is measured again.
+        rms, worst: error over the dwells, rad; of a rate sensor rad/s.
+        expected: rms error that noise and the calibration's covariance predict.
+        poses: error of each dwell, (m,).
+        tests: statistical ones, one for each sensor.
         statement: as text.
+        quantities: all that the recording shows.
+        not_shown: parameters that nothing in the recording depends on.
     """
 
     accepted: bool
@@ -47,13 +118,17 @@ class Check(Tabular):
     spans: Sequence[tuple[float, float]]
     tests: Sequence[Test]
     statement: str
+    quantities: Sequence[Quantity] = ()
+    not_shown: Sequence[str] = ()
 
     def as_columns(self) -> Mapping[str, Sequence[float]]:
         """Beginning, end and error of each dwell."""
+        unit = "deg_h" if self.judged_by == "rate" else "arcsec"
+        factor = DEG_H if self.judged_by == "rate" else ARCSEC
         return {
             "start_s": [a for a, _ in self.spans],
             "end_s": [b for _, b in self.spans],
-            "error_arcsec": [float(e / ARCSEC) for e in self.poses],
+            f"error_{unit}": [float(e / factor) for e in self.poses],
         }
 
     def headline(self) -> str:
@@ -65,206 +140,353 @@ def check(
     calibration: Calibration,
     recording: Recording,
     setup: Setup,
-    limit: float | None = None,
+    limits: Limits | None = None,
     segments: Sequence[Segment] | None = None,
 ) -> Check:
-    """Judge a calibration on a recording it has not seen.
+    """Judge a calibration on a recording: what each channel reads against what the calibration
+    predicts.
+
+    Accelerometers and inclinometers are judged at rest, by each channel where attitudes are known,
+    else by the norm; rate sensors at rest and in steady turns of a table with a readout. What needs
+    more (a base tilt, rate sensors without a table) is measured again by the same method.
 
     Args:
-        calibration: of an accelerometer or inclinometer.
-        recording: with dwells; attitudes by readout or label make it a tilt check, else only the
-            norm is judged.
+        calibration: to judge.
+        recording: that it may not have seen.
         setup: of the recording.
-        limit: largest rms tilt error, rad; without it the error has to agree with its own
-            uncertainty at 0.1 %.
+        limits: without one every difference has to agree with its own uncertainty at 0.1 %.
         segments: dwells to use.
 
     Raises:
-        TiltcalError: it calibrates nothing that senses gravity, or neither attitudes nor a triad
-            can judge it.
+        TiltcalError: the recording shows nothing that the calibration states.
     """
-    sensor = _judged_sensor(calibration, setup)
-    poses = find_poses(recording, setup, sensor, segments)
-    known = np.asarray(~np.isnan(poses.up).any(axis=1))
-    if "base.roll" in calibration.parameters:
-        return _base_check(calibration, recording, setup, limit, segments)
-    if calibration.bias_tables:
-        return _table_check(calibration, poses, setup.site.gravity, limit, recording.source)
-    by_norm = not known.any() or (calibration.method == "norm" and known.sum() < 3)
-    if by_norm and len(sensor.axes) < 3:
+    limits = limits or Limits()
+    found: list[_Judged] = []
+    more = any(name in BASE for name in calibration.parameters)
+    for sensor in () if more else map(setup.named, calibration.sensors()):
+        turning = not sensor.is_accelerometer and _has_scale(calibration, sensor)
+        judged = _judged(calibration, sensor, recording, setup, limits, segments, turning)
+        more = more or judged is None
+        found += [judged] if judged else []
+    if more:
+        found = [_measured_again(calibration, recording, setup, limits, segments)]
+    return _answer(found, limits)
+
+
+def _has_scale(calibration: Calibration, sensor: Sensor) -> bool:
+    """Whether a calibration states more of a sensor than its reading without input."""
+    model = calibration.instrument((sensor,), G0)
+    own = [model.effects[p.effect].calibration_term for p in model.parameters]
+    return any(term in ("scale", "cross_axis") for term in own)
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """What one piece of evidence says.
+
+    Args:
+        kind: as ``judged_by`` of a Check.
+        quantities: the leading one first.
+        errors: of each row, in SI of the leading quantity, (m,).
+        spans: of the rows.
+        test: chi-square.
+        change: the likeliest change, as text; empty where the test passes.
+        hidden: parameters that the rows do not depend on.
+    """
+
+    kind: str
+    quantities: Sequence[Quantity]
+    errors: Array
+    spans: Sequence[tuple[float, float]]
+    test: Test
+    change: str = ""
+    hidden: Sequence[str] = ()
+
+
+def _judged(
+    calibration: Calibration,
+    sensor: Sensor,
+    recording: Recording,
+    setup: Setup,
+    limits: Limits,
+    segments: Sequence[Segment] | None,
+    turning: bool,
+) -> _Judged | None:
+    """The evidence of one sensor; None where the recording has no turns of a table that show what
+    is stated of it.
+    """
+    model = calibration.instrument((sensor,), setup.site.gravity)
+    if turning:
+        turns = evidence_in_turns(model, sensor, recording, setup)
+        if turns is None:
+            return None
+        evidence = turns
+    else:
+        evidence = evidence_at_rest(
+            model, sensor, recording, setup, segments, calibration.own_frame
+        )
+    if not evidence.judged.any():
         raise TiltcalError(
             recording.source,
-            found=f"no known attitude, and {len(sensor.axes)} axes of {sensor.name}",
-            need="table readout or direction labels, or a triad to judge by the norm",
-            do="label the dwells",
-        )
-    if not by_norm:
-        poses = poses.subset(known)
-    free_rotation = calibration.method == "norm" and not by_norm
-    measure = _Measure(poses, setup, by_norm, free_rotation)
-    residual = measure.residual(calibration.correct(sensor, poses.means, setup.site.gravity))
-    covariance = measure.covariance(calibration)
-    error = np.abs(residual) if by_norm else np.linalg.norm(residual.reshape(-1, 2), axis=1)
-    dof = residual.size - (3 if measure.free_rotation else 0)
-    chi2 = float(residual @ np.linalg.solve(covariance, residual))
-    own = measure.covariance(calibration, rotation=False)
-    expected = float(np.sqrt(np.trace(own) / len(poses)))
-    text = f"errors against noise and covariance over {len(poses)} dwells"
-    test = chi2_test(AGREES, chi2, dof, text)
-    return _answer(error, expected, test, "norm" if by_norm else "tilt", limit, poses)
-
-
-def _judged_sensor(calibration: Calibration, setup: Setup) -> Sensor:
-    sensors = [s for s in map(setup.named, calibration.sensors()) if s.is_accelerometer]
-    if not sensors:
-        raise TiltcalError(
-            f"calibration by {calibration.method}",
-            found="no parameter of an accelerometer or inclinometer",
-            need="one that senses gravity",
-            do="check it on what it calibrates",
-        )
-    return sensors[0]
-
-
-class _Measure:
-    """Errors of the dwells as one vector with its covariance: |f|/g - 1 each, or two tangential
-    components of up each.
-    """
-
-    def __init__(self, poses: Poses, setup: Setup, by_norm: bool, free_rotation: bool) -> None:
-        self.poses, self.g = poses, setup.site.gravity
-        self.by_norm, self.free_rotation = by_norm, free_rotation
-        if not by_norm:
-            self.basis = tangents(poses.up)  # (m, 2, 3)
-
-    def residual(self, f: Array) -> Array:
-        """Errors of corrected forces, rad, (m,) or (2 m,)."""
-        if self.by_norm:
-            return np.asarray(np.linalg.norm(f, axis=1) / self.g - 1)
-        up = estimated_up(f, self.g)
-        if self.free_rotation:
-            up = up @ best_rotation(self.poses.up, up).T
-        return np.einsum("mij,mj->mi", self.basis, up - self.poses.up).ravel()
-
-    def covariance(self, calibration: Calibration, rotation: bool = True) -> Array:
-        """Of the residual, from the calibration's covariance (common to all dwells) and each
-        dwell's own noise.
-        """
-        base = self._residual_of_means(calibration, self.poses.means)
-        total = self._common_covariance(calibration, base)
-        self._add_noise(total, calibration, base)
-        if self.free_rotation and rotation:  # three directions that the best rotation removes
-            axes = np.array([np.cross(e, self.poses.up) for e in np.eye(3)])
-            turns = np.einsum("mij,amj->ami", self.basis, axes).reshape(3, -1)
-            total += turns.T @ turns
-        return total + 1e-30 * np.eye(len(base))
-
-    def _residual_of_means(self, calibration: Calibration, means: Array) -> Array:
-        return self.residual(calibration.correct(self.poses.sensor, means, self.g))
-
-    def _common_covariance(self, calibration: Calibration, base: Array) -> Array:
-        """The calibration's covariance, along its eigenvectors."""
-        parameters = calibration.parameters
-        values, vectors = np.linalg.eigh(calibration.covariance)
-        columns = []
-        for step, vector in zip(np.sqrt(np.maximum(values, 0.0)), vectors.T, strict=True):
-            changed = {
-                name: replace(estimate, value=estimate.value + step * d)
-                for (name, estimate), d in zip(parameters.items(), vector, strict=True)
-            }
-            shifted = replace(calibration, parameters=changed)
-            columns.append(self._residual_of_means(shifted, self.poses.means) - base)
-        common = np.array(columns).T
-        return common @ common.T if columns else np.zeros((len(base), len(base)))
-
-    def _add_noise(self, total: Array, calibration: Calibration, base: Array) -> None:
-        """Add each dwell's own noise to its block of a covariance."""
-        poses = self.poses
-        size = len(base) // len(poses)
-        sigmas = np.sqrt(np.diag(poses.noise) * poses.inflation / poses.counts[:, None])
-        for i in range(len(poses.sensor.axes)):
-            shifted = poses.means.copy()
-            shifted[:, i] += sigmas[:, i] * poses.spread[:, i]
-            change = self._residual_of_means(calibration, shifted) - base
-            for k, row in enumerate(change.reshape(-1, size)):
-                block = slice(k * size, (k + 1) * size)
-                total[block, block] += np.outer(row, row)
-
-
-def _answer(
-    error: Array, expected: float, test: Test, kind: str, limit: float | None, poses: Poses
-) -> Check:
-    rms, worst = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
-    accepted = test.passed if limit is None else rms <= limit
-    against = f"its own uncertainty ({expected / ARCSEC:.3g} arcsec expected)"
-    if limit is not None:
-        against = f"the limit of {limit / ARCSEC:.4g} arcsec"
-    named = {
-        "tilt": "tilt error",
-        "norm": "error of the norm (as an angle; attitudes are not known)",
-        "base": "difference of the base tilt",
-        "table": "error of a horizontal axis",
-    }
-    statement = (
-        f"{named[kind]} over {len(error)} dwells: {rms / ARCSEC:.4g} arcsec rms,"
-        f" {worst / ARCSEC:.4g} worst; "
-    )
-    statement += ("within " if accepted else "beyond ") + against
-    spans = [(s.start_s, s.end_s) for s in poses.spans]
-    return Check(accepted, kind, rms, worst, expected, error, spans, [test], statement)
-
-
-def _table_check(
-    calibration: Calibration, poses: Poses, g: float, limit: float | None, source: str
-) -> Check:
-    """A placing-angle table is judged where its axis is stated to be horizontal: the corrected
-    reading there is its error.
-    """
-    sensor = poses.sensor
-    corrector = calibration.placing(sensor, g)
-    fixed = calibration.correct(sensor, poses.means, g)
-    error, variance, used = [], [], []
-    for axis, table in corrector.tables.items() if corrector else ():
-        i, j = sensor.axes.index(axis), "xyz".index(axis)
-        horizontal = np.abs(poses.up[:, j]) < np.sin(1 * DEG)
-        for k in np.flatnonzero(horizontal & ~np.isnan(fixed[:, i])).tolist():
-            beta = placing_angle(axis, poses.up[k : k + 1])
-            near = replace(table, values=table.sigmas).at(beta)[0]
-            error.append((fixed[k, i] - g * poses.up[k, j]) / g)
-            variance.append((poses.covariance(k)[i, i] + near**2) / g**2)
-            used.append(k)
-    if not error:
-        raise TiltcalError(
-            source,
             found="no dwell with a calibrated axis horizontal at an angle of its table",
             need="some to judge it by",
             do="record dwells on the table it was made on, at angles inside it",
         )
-    e, v = np.array(error), np.array(variance)
-    text = f"{len(e)} dwells against noise and table"
-    test = chi2_test(AGREES, float(np.sum(e**2 / v)), len(e), text)
-    keep = np.isin(np.arange(len(poses)), used)
-    return _answer(np.abs(e), float(np.sqrt(v.mean())), test, "table", limit, poses.subset(keep))
+    chi2, dof = evidence.chi2()
+    text = f"errors against noise and covariance over {len(evidence.spans)} dwells"
+    test = chi2_test(AGREES, chi2, dof, text)
+    change = "" if test.passed else _change(calibration, sensor, evidence)
+    errors, quantities = _quantities(evidence, limits)
+    hidden = [p.name for p, x in zip(model.parameters, evidence.shown, strict=True) if not x]
+    return _Judged(evidence.kind, quantities, errors, evidence.spans, test, change, hidden)
 
 
-def _base_check(
+def _candidates(sensor: Sensor, evidence: Evidence) -> dict[str, Array]:
+    """Reading per unit of each bias, scale-factor and cross-axis term, SI, (m, k)."""
+    found = {}
+    for name, (cls, parameter) in terms_of(sensor.kind, sensor.axes).items():
+        if cls.calibration_term in CHANGEABLE and evidence.kind != "norm":
+            channel, column = cls().term(parameter, evidence.sense)
+            block = np.zeros(evidence.residual.shape)
+            block[:, channel] = column
+            found[f"{sensor.name}.{name}"] = block
+    return found
+
+
+def _change(calibration: Calibration, sensor: Sensor, evidence: Evidence) -> str:
+    """The likeliest change of one term, as text."""
+    name, size, sigma = evidence.likeliest_change(_candidates(sensor, evidence))
+    if not name:
+        return ""
+    own = "m_s2" if sensor.is_accelerometer else "rad_s"
+    factor, unit = calibration.shown_in(name, own if ".bias_" in name else "1")
+    return f"most like {name} changed by {size * factor:.4g} +- {sigma * factor:.2g} {unit}"
+
+
+def _quantities(evidence: Evidence, limits: Limits) -> tuple[Array, list[Quantity]]:
+    """Errors of the rows in the leading quantity, SI, (m,), and all quantities."""
+    name, g = evidence.sensor.name, evidence.sense.gravity
+    if evidence.kind == "norm":
+        errors = np.abs(evidence.residual[:, 0])
+        expected = float(np.sqrt(evidence.expected[:, 0, 0].mean()))
+        return errors, [
+            _quantity(name, "norm", "arcsec", ARCSEC, errors, expected, limits.tilt),
+            _quantity(name, "norm", "ppm", 1e-6, errors, expected, limits.ratio),
+        ]
+    channels = []
+    unit, factor, limit = (
+        ("deg_h", DEG_H, limits.rate)
+        if evidence.kind == "rate"
+        else ("ug", 1e-6 * G0, limits.force)
+    )
+    for i, axis in enumerate(evidence.sensor.axes):
+        left = evidence.residual[evidence.judged[:, i], i]
+        if len(left):
+            sigma = float(np.sqrt(evidence.expected[evidence.judged[:, i], i, i].mean()))
+            channels.append(_quantity(name, axis, unit, factor, np.abs(left), sigma, limit))
+    if evidence.kind == "rate":
+        errors = np.sqrt(np.nanmean(evidence.residual**2, axis=1))
+        return errors, channels
+    across, shares = _tilt_errors(evidence, g)
+    leading = _quantity(name, evidence.kind, "arcsec", ARCSEC, across[0], across[1], limits.tilt)
+    found = [leading, *channels]
+    if shares is not None:
+        found.append(_quantity(name, "norm", "ppm", 1e-6, shares[0], shares[1], limits.ratio))
+    return across[0], found
+
+
+Errors = tuple[Array, float]
+"""Errors of the rows, (m,), and the rms that is expected."""
+
+
+def _tilt_errors(evidence: Evidence, g: float) -> tuple[Errors, Errors | None]:
+    """Tilt errors, rad, and of a triad those of the norm, as shares of g: corrected by the
+    sensitivity of the channels.
+    """
+    left = np.nan_to_num(evidence.residual)
+    used = evidence.judged.any(axis=1)
+    spread = np.where(
+        evidence.judged[:, :, None] & evidence.judged[:, None, :], evidence.expected, 0.0
+    )
+    if left.shape[1] < 3:
+        errors = np.sqrt((left**2).sum(axis=1)) / g
+        expected = np.sqrt(np.einsum("mii->m", spread)[used].mean()) / g
+        return (errors[used], float(expected)), None
+    up = evidence.sense.force / np.linalg.norm(evidence.sense.force, axis=1)[:, None]
+    if evidence.kind == "table":
+        across, both = left, np.broadcast_to(np.eye(3), spread.shape)
+    else:
+        both = np.eye(3) - up[:, :, None] * up[:, None, :]
+        turn = _common_turn(evidence, up, left / g)
+        across = np.einsum("mij,mj->mi", both, left - g * np.cross(turn, up))
+    errors = np.sqrt((across**2).sum(axis=1)) / g
+    expected = np.sqrt(np.einsum("mij,mji->m", both, spread)[used].mean()) / g
+    if evidence.kind == "table":
+        return (errors[used], float(expected)), None
+    along = np.abs(np.einsum("mi,mi->m", up, left)) / g
+    share = float(np.sqrt(np.einsum("mi,mij,mj->m", up, spread, up).mean()) / g)
+    return (errors[used], float(expected)), (along, share)
+
+
+def _common_turn(evidence: Evidence, up: Array, left: Array) -> Array:
+    """The rotation that all rows have in common, rad, (3,); zero unless the frame is the sensor's
+    own.
+    """
+    if not len(evidence.nuisance):
+        return np.zeros(3)
+    A = np.array([np.cross(axis, up).ravel() for axis in np.eye(3)]).T
+    return np.asarray(np.linalg.lstsq(A, left.ravel(), rcond=None)[0])
+
+
+def _quantity(
+    sensor: str,
+    quantity: str,
+    unit: str,
+    factor: float,
+    errors: Array,
+    expected: float,
+    limit: float | None,
+) -> Quantity:
+    """A quantity from errors in SI, (m,)."""
+    rms = float(np.sqrt(np.mean(errors**2)))
+    shown = None if limit is None else limit / factor
+    worst = float(errors.max()) / factor
+    return Quantity(sensor, quantity, unit, rms / factor, worst, expected / factor, shown)
+
+
+def _measured_again(
     calibration: Calibration,
     recording: Recording,
     setup: Setup,
-    limit: float | None,
+    limits: Limits,
     segments: Sequence[Segment] | None,
-) -> Check:
-    """A base tilt is judged by measuring it again."""
+) -> _Judged:
+    """Judged by the same method on this recording: the parameters of both, as far as both have
+    them.
+    """
     from tiltcal.calibration.methods.registry import calibrate
 
-    again = calibrate("two_position", recording, setup, segments=segments)
-    names = ["base.roll", "base.pitch"]
+    again = calibrate(calibration.method, recording, setup, segments=segments)
+    names = [n for n in calibration.parameters if n in again.parameters]
+    if not names:
+        raise TiltcalError(
+            recording.source,
+            found=f"that {calibration.method} determines none of its parameters again",
+            need="a recording that shows what the calibration states",
+            do="record the sequence of the method",
+        )
+    rows, others = ([list(c.parameters).index(n) for n in names] for c in (calibration, again))
     difference = np.array([again.value(n) - calibration.value(n) for n in names])
-    sigma = np.array(
-        [np.hypot(again.parameters[n].sigma, calibration.parameters[n].sigma) for n in names]
+    total = np.asarray(calibration.covariance)[np.ix_(rows, rows)]
+    total = total + np.asarray(again.covariance)[np.ix_(others, others)]
+    chi2 = float(difference @ np.linalg.pinv(total, hermitian=True) @ difference)
+    test = chi2_test(AGREES, chi2, len(names), f"{', '.join(names)} measured again")
+    sigmas = np.sqrt(np.diag(total))
+    quantities = [
+        _parameter(calibration, name, d, s, limits)
+        for name, d, s in zip(names, difference.tolist(), sigmas.tolist(), strict=True)
+    ]
+    tilts = [k for k, n in enumerate(names) if n in BASE]
+    kind = "base" if tilts else "rate"
+    if tilts:
+        error, expected = (float(np.hypot(*v[tilts])) for v in (difference, sigmas))
+        quantities.insert(
+            0,
+            _quantity("base", "tilt", "arcsec", ARCSEC, np.array([error]), expected, limits.tilt),
+        )
+    worst = int(np.argmax(np.abs(difference) / np.maximum(sigmas, 1e-300)))
+    change = "" if test.passed else f"{names[worst]} differs most"
+    spans = [(float(recording.time[0]), float(recording.time[-1]))]
+    errors = np.array([np.abs(difference[tilts]).max() if tilts else 0.0])
+    if tilts:
+        errors = np.array([float(np.hypot(*difference[tilts]))])
+    return _Judged(kind, quantities, errors, spans, test, change)
+
+
+def _parameter(
+    calibration: Calibration, name: str, difference: float, sigma: float, limits: Limits
+) -> Quantity:
+    """Difference of one parameter in the unit that it is shown in."""
+    estimate: Estimate = calibration.parameters[name]
+    factor, unit = calibration.shown_in(name, estimate.unit)
+    by_unit = {
+        "arcsec": (limits.tilt, ARCSEC),
+        "ug": (limits.force, 1e-6 * G0),
+        "ppm": (limits.ratio, 1e-6),
+        "deg_h": (limits.rate, DEG_H),
+    }
+    limit, size = by_unit.get(unit, (None, 1.0))
+    owner, _, term = name.partition(".")
+    found = abs(difference) * factor
+    return Quantity(
+        owner, term, unit, found, found, sigma * factor, None if limit is None else limit / size
     )
-    chi2 = float(np.sum((difference / sigma) ** 2))
-    test = chi2_test(AGREES, chi2, 2, "roll and pitch measured again")
-    error = np.array([float(np.hypot(*difference))])
-    poses = find_poses(recording, setup, _judged_sensor(calibration, setup), segments)
-    return _answer(error, float(np.hypot(*sigma)), test, "base", limit, poses)
+
+
+NAMED = {
+    "tilt": "tilt error",
+    "norm": "error of the norm (as an angle; attitudes are not known)",
+    "base": "difference of the base tilt",
+    "table": "error of a horizontal axis",
+    "rate": "error of the rate",
+}
+
+
+def _answer(found: Sequence[_Judged], limits: Limits) -> Check:
+    first = found[0]
+    # each of several tests takes its share of the false alarms
+    tests = [
+        replace(j.test, passed=bool(j.test.p_value > SIGNIFICANCE / len(found))) for j in found
+    ]
+    quantities = [q for j in found for q in j.quantities]
+    kept = all(q.kept for q in quantities)
+    accepted = kept if limits.stated else all(t.passed for t in tests)
+    leading = first.quantities[0]
+    factor = {"arcsec": ARCSEC, "deg_h": DEG_H, "ug": 1e-6 * G0}.get(leading.unit, 1.0)
+    return Check(
+        accepted,
+        first.kind,
+        leading.rms * factor,
+        leading.worst * factor,
+        leading.expected * factor,
+        first.errors,
+        first.spans,
+        tests,
+        _statement(found, limits, accepted),
+        quantities,
+        [name for j in found for name in j.hidden],
+    )
+
+
+def _statement(found: Sequence[_Judged], limits: Limits, accepted: bool) -> str:
+    parts = []
+    for judged in found:
+        q = judged.quantities[0]
+        several = f" of {q.sensor}" if len(found) > 1 else ""
+        text = (
+            f"{NAMED[judged.kind]}{several} over {len(judged.errors)} dwells: {q.rms:.4g}"
+            f" {q.unit} rms, {q.worst:.4g} worst; "
+        )
+        if limits.stated:
+            text += _against_limits(judged)
+        else:
+            side = "within" if judged.test.p_value > SIGNIFICANCE / len(found) else "beyond"
+            text += f"{side} its own uncertainty ({q.expected:.3g} {q.unit} expected)"
+        if judged.change and not accepted:
+            text += f"; {judged.change}"
+        if judged.hidden:
+            text += f"; not shown by this recording: {', '.join(judged.hidden)}"
+        parts.append(text)
+    return ". ".join(parts)
+
+
+def _against_limits(judged: _Judged) -> str:
+    limited = [q for q in judged.quantities if q.limit is not None]
+    beyond = [q for q in limited if not q.kept]
+    if not limited:
+        return "no limit is stated for it"
+    if beyond:
+        listed = [f"{q.quantity} {q.rms:.4g} of {q.limit:.4g} {q.unit}" for q in beyond]
+        return "beyond the limit: " + ", ".join(listed)
+    kept = dict.fromkeys(f"{q.limit:.4g} {q.unit}" for q in limited)
+    return "within the limit of " + ", ".join(kept)

@@ -175,10 +175,10 @@ def _blocks(
     error = samples.values[complete] - sense.true_input()
     blocks = Blocks(
         names,
-        np.array([_means(column, size) for column in design]),
-        _means(error, size),
+        np.array([block_means(column, size) for column in design]),
+        block_means(error, size),
         whitening(poses.noise * poses.inflation / float(size)),
-        _steady(drive, speed, size),
+        steady_blocks(drive, speed, size),
     )
     return blocks, dict(zip(names, units, strict=True))
 
@@ -206,8 +206,14 @@ def _require_readout(recording: Recording, setup: Setup) -> None:
         )
 
 
-def _steady(drive: Drive, speed: Array, size: int) -> Mask:
-    """Which blocks have a constant rate, a complete readout and no gap, (b,)."""
+def steady_blocks(drive: Drive, speed: Array, size: int) -> Mask:
+    """Which blocks have a constant rate, a complete readout and no gap, (b,).
+
+    Args:
+        drive: the readout of the table, (n,) rows.
+        speed: of each axis, rad/s, (n, axes).
+        size: samples of a block.
+    """
     limit = max(STEADY * np.abs(speed).max(), LEAST_RATE / 20)
     steady = np.zeros(len(drive.time) // size, bool)
     for k in range(len(steady)):
@@ -218,7 +224,7 @@ def _steady(drive: Drive, speed: Array, size: int) -> Mask:
     return steady
 
 
-def _means(values: Array, size: int) -> Array:
+def block_means(values: Array, size: int) -> Array:
     """Means over blocks of some samples, (b, k)."""
     blocks = len(values) // size
     return np.asarray(values[: blocks * size].reshape(blocks, size, -1).mean(axis=1))

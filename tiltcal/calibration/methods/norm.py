@@ -137,7 +137,7 @@ def _solved(
         inverse="f = M^-1 (reading - bias)",
         heldout={} if heldout is None else {used.name: heldout},
     )
-    return replace(result, provenance={**result.provenance, **record})
+    return replace(result, own_frame=True, provenance={**result.provenance, **record})
 
 
 def _number_of_terms(terms: int | None, sensor: Sensor) -> int:

@@ -1,0 +1,431 @@
+"""What a recording says about an instrument model: readings less what the model predicts, with the
+uncertainty of both.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from tiltcal.calibration.correction import thermal_course
+from tiltcal.calibration.methods.gyro_rates import block_means, steady_blocks
+from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import force_of_tilt
+from tiltcal.core.units import DEG, EARTH_RATE
+from tiltcal.effects.sense import Sense
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.forward.signal_chain import make_sense
+from tiltcal.instrument.model import InstrumentModel
+from tiltcal.instrument.placing import PlacingBias
+from tiltcal.instrument.temperature import ThermalStream
+from tiltcal.recordings.means_table import MeansTable
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.replay import replay
+from tiltcal.recordings.segmentation import Segment
+from tiltcal.recordings.static_poses import Poses, find_poses
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
+from tiltcal.statistics.dwell_noise import pooled_noise
+from tiltcal.statistics.noise_spectrum import slow_variance
+
+BLOCKS = 400  # of a recording over temperature, at most
+LEAST_TURN = 0.5 * DEG  # rad/s: of a table that turns
+HORIZONTAL = np.sin(1 * DEG)  # of g along an axis at which its placing-angle table is judged
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Readings of a sensor less those that a model predicts.
+
+    Args:
+        sensor: which.
+        kind: what is judged: ``tilt``, ``norm`` where attitudes are unknown, ``table`` of a placing
+            angle, or ``rate``.
+        sense: what the sensor senses on each row, (m,) rows.
+        residual: reading less prediction, in the sensing form, SI, (m, k); NaN: not judged.
+        noise: covariance of each row's reading, SI, (m, k, k).
+        model: what one standard deviation in each direction of the model's covariance adds, SI,
+            (p, m, k).
+        nuisance: what may be in the readings in addition, each with its prior as its size, SI,
+            (q, m, k).
+        shown: which parameters of the model the readings depend on, (p,).
+        spans: beginning and end of each row, s.
+    """
+
+    sensor: Sensor
+    kind: str
+    sense: Sense
+    residual: Array
+    noise: Array
+    model: Array
+    nuisance: Array
+    shown: Mask
+    spans: Sequence[tuple[float, float]]
+
+    @cached_property
+    def judged(self) -> Mask:
+        """Readings that are judged, (m, k)."""
+        return np.asarray(~np.isnan(self.residual))
+
+    def chi2(self) -> tuple[float, int]:
+        """Chi-square of the residual against noise, model and nuisance, and its degrees of
+        freedom.
+        """
+        r, X = self._whitened()
+        inner = np.eye(X.shape[1]) + X.T @ X
+        b = X.T @ r
+        chi2 = float(r @ r - b @ np.linalg.solve(inner, b))
+        free = len(self.nuisance)
+        taken = int(np.linalg.matrix_rank(X[:, X.shape[1] - free :])) if free else 0
+        return max(chi2, 0.0), max(len(r) - taken, 0)
+
+    def _whitened(self) -> tuple[Array, Array]:
+        """Residual, (N,), and columns, (N, q), in units of the noise."""
+        added = np.concatenate([self.model, self.nuisance])
+        rows, columns = [np.zeros(0)], [np.zeros((0, len(added)))]
+        for i, keep in enumerate(self.judged):
+            if keep.any():
+                root = np.linalg.cholesky(self.noise[i][np.ix_(keep, keep)])
+                rows.append(np.linalg.solve(root, self.residual[i, keep]))
+                columns.append(np.linalg.solve(root, added[:, i, keep].T))
+        return np.concatenate(rows), np.concatenate(columns)
+
+    def likeliest_change(self, candidates: Mapping[str, Array]) -> tuple[str, float, float]:
+        """The change of one parameter that explains most of the residual: its name, size and
+        sigma, SI.
+
+        Args:
+            candidates: reading per unit of each parameter, (m, k).
+        """
+        r, X = self._whitened()
+        inner = np.linalg.inv(np.eye(X.shape[1]) + X.T @ X)
+        best, score = ("", 0.0, np.inf), 0.0
+        for name, column in candidates.items():
+            x, _ = replace_residual(self, column)._whitened()
+            weighed = x - X @ (inner @ (X.T @ x))
+            information = float(x @ weighed)
+            if information <= 0:
+                continue
+            size = float(r @ weighed) / information
+            if size * size * information > score:
+                best, score = (name, size, information**-0.5), size * size * information
+        return best
+
+    @cached_property
+    def expected(self) -> Array:
+        """Covariance of each row's residual by noise and model, SI, (m, k, k)."""
+        return np.asarray(self.noise + np.einsum("qmi,qmj->mij", self.model, self.model))
+
+
+def replace_residual(evidence: Evidence, residual: Array) -> Evidence:
+    """The evidence with another residual on the same judged readings. residual: SI, (m, k)."""
+    return replace(evidence, residual=np.where(evidence.judged, residual, np.nan))
+
+
+def evidence_at_rest(
+    model: InstrumentModel,
+    sensor: Sensor,
+    recording: Recording,
+    setup: Setup,
+    segments: Sequence[Segment] | None,
+    own_frame: bool,
+) -> Evidence:
+    """The dwells of a recording against a model.
+
+    Args:
+        model: of the sensor.
+        sensor: which.
+        recording: with dwells.
+        setup: of the recording.
+        segments: dwells to use.
+        own_frame: whether the model's axes are the sensor's own, turned against the table's by an
+            unknown rotation.
+
+    Raises:
+        TiltcalError: no dwell, or no temperature where the model follows it.
+    """
+    poses = find_poses(recording, setup, sensor, segments)
+    known = np.asarray(~np.isnan(poses.up).any(axis=1))
+    by_norm = sensor.is_accelerometer and (not known.any() or (own_frame and known.sum() < 3))
+    if by_norm and len(sensor.axes) < 3:
+        raise TiltcalError(
+            recording.source,
+            found=f"no known attitude, and {len(sensor.axes)} axes of {sensor.name}",
+            need="table readout or direction labels, or a triad to judge by the norm",
+            do="label the dwells",
+        )
+    if sensor.is_accelerometer and not by_norm:
+        poses = poses.subset(known)
+    rows = _Rows.of(model, sensor, recording, setup, poses)
+    sense = rows.sense(model, sensor, setup, by_norm)
+    residual = rows.means - model.predict(sensor, sense)
+    noise = rows.covariances(model, sensor, sense)
+    for table in model.signal(sensor):
+        if isinstance(table, PlacingBias):
+            _judge_table(table, sense, residual, noise)
+    sensitivity = model.sensitivity(sensor, sense)
+    shown = np.asarray(sensitivity.any(axis=(1, 2)))
+    columns = in_standard_deviations(model, sensitivity)
+    if by_norm:
+        return _by_the_norm(model, sensor, sense, noise, columns, shown, rows.spans)
+    nuisance = _nuisance(model, sensor, sense, rows.pose, own_frame)
+    kind = "tilt" if sensor.is_accelerometer else "rate"
+    if any(isinstance(e, PlacingBias) for e in model.signal(sensor)):
+        kind = "table"
+    return Evidence(sensor, kind, sense, residual, noise, columns, nuisance, shown, rows.spans)
+
+
+def in_standard_deviations(model: InstrumentModel, columns: Array) -> Array:
+    """Columns of the parameters as those of the independent standard deviations of the model.
+
+    Args:
+        model: with its covariance.
+        columns: reading per unit of each parameter, SI, (p, m, k); also the result.
+    """
+    values, vectors = np.linalg.eigh(model.covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(np.tensordot(root.T, columns, axes=1))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Stretches of dwells: whole dwells, or short ones where the model follows the temperature.
+
+    Args:
+        poses: the dwells.
+        samples: readings of each dwell, sensing form, SI, (n_i, k); none of a table of means.
+        warm: temperature, degC, and memory of it at each sample, (n_i,) each; None where the model
+            does not follow it.
+        cut: dwell, first sample and sample after the last of each row, (m, 3).
+        means: of the reading, SI, (m, k).
+        spans: beginning and end of each, s.
+        length: samples in the time from the first to the last dwell.
+    """
+
+    poses: Poses
+    samples: Sequence[Array]
+    warm: Sequence[tuple[Array, Array]] | None
+    cut: Index
+    means: Array
+    spans: Sequence[tuple[float, float]]
+    length: int
+
+    @property
+    def pose(self) -> Index:
+        """Number of the dwell of each row, (m,)."""
+        return self.cut[:, 0]
+
+    @classmethod
+    def of(
+        cls,
+        model: InstrumentModel,
+        sensor: Sensor,
+        recording: Recording,
+        setup: Setup,
+        poses: Poses,
+    ) -> "_Rows":
+        """The rows of a recording."""
+        whole = [(s.start_s, s.end_s) for s in poses.spans]
+        if isinstance(recording, MeansTable):
+            cut = np.array([(i, 0, 1) for i in range(len(poses))])
+            return cls(poses, (), None, cut, poses.means, whole, len(poses))
+        read = recording.sensor(sensor)
+        values = read.values
+        if sensor.kind == "inclinometer":
+            values = force_of_tilt(values, setup.site.gravity)
+        complete = ~np.isnan(values).any(axis=1)
+        time, values, at = read.time[complete], values[complete], read.rows[complete]
+        ends = np.searchsorted(time, [(a, np.nextafter(b, np.inf)) for a, b in whole])
+        samples = [values[a:b] for a, b in ends]
+        length = int(ends[-1, 1] - ends[0, 0])
+        terms = model.temperature_terms(sensor)
+        if terms is None:
+            cut = np.array([(i, 0, len(part)) for i, part in enumerate(samples)])
+            return cls(poses, samples, None, cut, poses.means, whole, length)
+        course = thermal_course(recording, ThermalStream(terms))
+        warm = [(course.level[at[a:b]], course.memory[at[a:b]]) for a, b in ends]
+        size = max(sum(map(len, samples)) // BLOCKS, 3)
+        cut = np.array(
+            [
+                (i, r, min(r + size, len(part)))
+                for i, part in enumerate(samples)
+                for r in range(0, len(part), size)
+            ]
+        )
+        means = np.array([samples[i][a:b].mean(axis=0) for i, a, b in cut])
+        first = ends[:, 0]
+        spans = [(float(time[first[i] + a]), float(time[first[i] + b - 1])) for i, a, b in cut]
+        return cls(poses, samples, warm, cut, means, spans, length)
+
+    def sense(self, model: InstrumentModel, sensor: Sensor, setup: Setup, by_norm: bool) -> Sense:
+        """What the sensor senses on each row; where attitudes are not known, by its readings."""
+        g = setup.site.gravity
+        sense = Sense.at_rest(sensor, g, g * np.nan_to_num(self.poses.up)[self.pose])
+        if sensor.kind == "fog":
+            sense = replace(sense, input_vector=sensor.input_vector)
+        if self.warm is not None:
+            mean = [[self.warm[i][k][a:b].mean() for i, a, b in self.cut] for k in (0, 1)]
+            warm = np.array(mean[0]) - (model.reference_degC or 0.0)
+            sense = replace(sense, temperature=warm, temperature_memory=np.array(mean[1]))
+        if by_norm:
+            sense = replace(sense, force=model.invert(sensor, self.means, sense))
+        return sense
+
+    def covariances(self, model: InstrumentModel, sensor: Sensor, sense: Sense) -> Array:
+        """Covariance of each mean by white and slow noise and rounding, SI, (m, k, k)."""
+        poses, pose = self.poses, self.pose
+        if not self.samples:
+            return poses.covariances
+        left = [self._left(i, model, sensor, sense) / poses.spread[i] for i in range(len(poses))]
+        counts = (self.cut[:, 2] - self.cut[:, 1]).astype(float)
+        spread = poses.spread[pose]
+        white, _ = pooled_noise(left)
+        found = white / counts[:, None, None] * (spread[:, :, None] * spread[:, None, :])
+        for i in range(len(white)):
+            slow = slow_variance([part[:, i] for part in left], counts, self.length)
+            found[:, i, i] += slow * spread[:, i] ** 2 + poses.rounding[pose, i]
+        return np.asarray(found)
+
+    def _left(self, dwell: int, model: InstrumentModel, sensor: Sensor, sense: Sense) -> Array:
+        """Readings of a dwell less their mean, and less what the temperature does to them."""
+        left = self.samples[dwell]
+        if self.warm is not None:
+            row = int(np.flatnonzero(self.pose == dwell)[0])
+            level, memory = self.warm[dwell]
+            n = len(level)
+            at = Sense.at_rest(sensor, model.gravity, np.tile(sense.force[row], (n, 1)))
+            at = replace(
+                at,
+                temperature=level - (model.reference_degC or 0.0),
+                temperature_memory=memory,
+                input_vector=sense.input_vector,
+            )
+            left = left - model.predict(sensor, at)
+        return np.asarray(left - left.mean(axis=0))
+
+
+def _judge_table(table: PlacingBias, sense: Sense, residual: Array, noise: Array) -> None:
+    """Leave in the residual what a placing-angle table is judged by: the readings of its axis while
+    that is horizontal; add the table's own uncertainty to the noise.
+    """
+    i = sense.axes.index("xyz".index(str(table.axis)))
+    along = sense.force[:, "xyz".index(str(table.axis))]
+    residual[np.abs(along) >= HORIZONTAL * sense.gravity, i] = np.nan
+    noise[:, i, i] += np.nan_to_num(table.sigma(sense)) ** 2
+
+
+def _nuisance(
+    model: InstrumentModel,
+    sensor: Sensor,
+    sense: Sense,
+    pose: Index,
+    own_frame: bool,
+) -> Array:
+    """What may be in the readings in addition, each at the size of its prior, SI, (q, m, k): an
+    unknown rotation of the sensor's own frame, 1 rad; the Earth's rate where attitudes or latitude
+    are not known.
+    """
+    _, M = model.linear(sensor)
+    if sensor.is_accelerometer:
+        if not own_frame:
+            return np.zeros((0, *pose.shape, len(sensor.axes)))
+        return np.array([np.cross(axis, sense.force) @ M.T for axis in np.eye(3)])
+    # one for each dwell and channel
+    each = (pose[None, :] == np.unique(pose)[:, None])[:, None, :, None]
+    channels = np.eye(len(sensor.axes))[None, :, None, :]
+    return EARTH_RATE * (each * channels).reshape(-1, len(pose), len(sensor.axes))
+
+
+def _by_the_norm(
+    model: InstrumentModel,
+    sensor: Sensor,
+    sense: Sense,
+    noise: Array,
+    columns: Array,
+    shown: Mask,
+    spans: Sequence[tuple[float, float]],
+) -> Evidence:
+    """The error of the norm alone, as one channel in units of g: corrected readings less g.
+
+    Args:
+        model: of the sensor.
+        sensor: a triad.
+        sense: with the corrected readings as the force, (m,) rows.
+        noise: of each reading, SI, (m, k, k).
+        columns: of the model, SI, (p, m, k).
+        shown: as in ``Evidence``.
+        spans: of the rows, s.
+    """
+    length = np.linalg.norm(sense.force, axis=1)
+    _, M = model.linear(sensor)
+    along = sense.force / length[:, None] @ np.linalg.inv(M) / model.gravity  # per reading
+    spread = np.einsum("mi,mij,mj->m", along, noise, along)
+    return Evidence(
+        sensor,
+        "norm",
+        sense,
+        (length / model.gravity - 1)[:, None],
+        spread[:, None, None],
+        np.einsum("pmk,mk->pm", columns, along)[:, :, None],
+        np.zeros((0, len(length), 1)),
+        shown,
+        spans,
+    )
+
+
+def evidence_in_turns(
+    model: InstrumentModel, sensor: Sensor, recording: Recording, setup: Setup
+) -> Evidence | None:
+    """Steady turns of a table with a readout against the model of a rate sensor; None where the
+    recording has none.
+
+    Args:
+        model: of the sensor.
+        sensor: a gyro or FOG.
+        recording: of any motion.
+        setup: of the recording.
+    """
+    names = setup.rig.axis_names
+    if not names or any(recording.table(name) is None for name in names):
+        return None
+    read = recording.sensor(sensor)
+    complete = ~np.isnan(read.values).any(axis=1)
+    drive = replay(recording, setup).drive(read.time[complete])
+    speed = np.column_stack([np.asarray(jet.v) for jet in drive.axes.values()])
+    size = max(round(sensor.rate_hz), 2)
+    if np.abs(speed).max() < LEAST_TURN or len(speed) < size:
+        return None
+    used = steady_blocks(drive, speed, size)
+    if not used.any():
+        return None
+    sense = make_sense(sensor, setup, closed_form(setup.seen_by(sensor), drive), drive)
+    left = block_means(read.values[complete] - model.predict(sensor, sense), size)[used]
+    columns = np.array([block_means(c, size)[used] for c in model.sensitivity(sensor, sense)])
+    poses = find_poses(recording, setup, sensor)
+    noise = np.tile(poses.noise * poses.inflation / size, (len(left), 1, 1))
+    middle = np.flatnonzero(used) * size + size // 2
+    unknown = setup.site.latitude_deg is None or setup.site.heading_deg == "unknown"
+    return Evidence(
+        sensor,
+        "rate",
+        sense.rows(middle),
+        left,
+        noise,
+        in_standard_deviations(model, columns.reshape(-1, *left.shape)),
+        _earth_rate(sensor, sense, size)[:, used] if unknown else np.zeros((0, *left.shape)),
+        np.asarray(columns.any(axis=(1, 2))),
+        [(float(t) - 0.5, float(t) + 0.5) for t in sense.time[middle]],
+    )
+
+
+def _earth_rate(sensor: Sensor, sense: Sense, size: int) -> Array:
+    """What the Earth's rate along up, North and East adds to means over some samples, rad/s, (3, m,
+    k).
+    """
+    frame = (sense.up, sense.north, np.cross(sense.north, sense.up))
+    axes = (
+        sensor.input_vector[:, None] if sensor.kind == "fog" else np.eye(3)[:, sensor.axis_indices]
+    )
+    return EARTH_RATE * np.array([block_means(v @ axes, size) for v in frame])

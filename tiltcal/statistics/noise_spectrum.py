@@ -292,14 +292,12 @@ def estimate_noise(
     return fit
 
 
-SLOW = 13.8  # of deviance for flicker and random walk: 0.1 % of chi-square with two dof
+RISE = 10.8  # of deviance: 0.1 % of chi-square with one degree of freedom
 
 
-def slow_variance(parts: Sequence[Array], counts: Array, length: int) -> Array:
-    """Variance of means by flicker and random walk, beyond that of white noise, about the mean of
-    the whole record, SI^2, (m,).
-
-    The spectrum is that of the parts; where it is not significantly other than white, 0.
+def most_slow_variance(parts: Sequence[Array], counts: Array, length: int) -> Array:
+    """Variance of means by flicker about the mean of the whole record, SI^2, (m,): by the most
+    flicker which the spectrum of some parts allows at 0.1 %.
 
     Args:
         parts: stretches of a record less their means, (n_i,) each.
@@ -310,17 +308,13 @@ def slow_variance(parts: Sequence[Array], counts: Array, length: int) -> Array:
     if not spectra or not any(e[1:].any() for e in spectra):
         return np.zeros(len(counts))
     fit = NoiseFit.within(spectra, WhiteFlickerWalk)
-    bins = fit.bins
-    white = float(np.sqrt(bins.power.sum() * bins.scale / max(bins.weight.sum(), 1.0)))
-    flat = NoiseFit(white_noise(max(white, ARITHMETIC)), bins)
-    if not len(bins.weight) or flat.deviance - fit.deviance < SLOW:
-        return np.zeros(len(counts))
+    flicker = WhiteFlickerWalk(0.0, float(fit.bounds(RISE)[0].slow_noise(1.0)[0]))
     k = np.unique(np.geomspace(1, length - 1, LOW).astype(int))
     share = np.diff(np.concatenate([[0], k]))  # coefficients that each stands for
-    slow = fit.model.density(2 * np.sin(np.pi * k / (2 * length))) - fit.model.white**2
     # a mean over n samples passes sin(x)/x of a cosine, x = pi k n / 2 length
     passed = np.sinc(k * counts[:, None] / (2 * length)) ** 2
-    return np.asarray(passed @ (share * slow) / length)
+    density = flicker.density(2 * np.sin(np.pi * k / (2 * length)))
+    return np.asarray(passed @ (share * density) / length)
 
 
 SCORINGS = 60  # at most: convergence is quadratic in the end

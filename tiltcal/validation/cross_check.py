@@ -11,16 +11,19 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.tabular import Tabular
 from tiltcal.core.units import ARCSEC, DEG_H, G0
-from tiltcal.instrument.terms import BASE, terms_of
+from tiltcal.instrument.terms import BASE
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
-from tiltcal.validation.evidence import Evidence, evidence_at_rest, evidence_in_turns
+from tiltcal.validation.evidence import (
+    Evidence,
+    evidence_at_rest,
+    evidence_in_turns,
+    linear_columns,
+)
 
 AGREES = "agrees with its uncertainty"
-CHANGEABLE = ("bias", "scale", "cross_axis")
-"""Terms of which one is named as the likeliest change where a recording does not agree."""
 
 
 @dataclass(frozen=True)
@@ -241,23 +244,12 @@ def _judged(
     return _Judged(evidence.kind, quantities, errors, evidence.spans, test, change, hidden)
 
 
-def _candidates(sensor: Sensor, evidence: Evidence) -> dict[str, Array]:
-    """Reading per unit of each bias, scale-factor and cross-axis term, SI, (m, k)."""
-    found = {}
-    for name, (cls, parameter) in terms_of(sensor.kind, sensor.axes).items():
-        if cls.calibration_term in CHANGEABLE and evidence.kind != "norm":
-            channel, column = cls().term(parameter, evidence.sense)
-            block = np.zeros(evidence.residual.shape)
-            block[:, channel] = column
-            found[f"{sensor.name}.{name}"] = block
-    return found
-
-
 def _change(calibration: Calibration, sensor: Sensor, evidence: Evidence) -> str:
     """The likeliest change of one term, as text."""
-    name, size, sigma = evidence.likeliest_change(_candidates(sensor, evidence))
-    if not name:
+    if evidence.kind == "norm":
         return ""
+    columns = linear_columns(sensor, evidence.sense)
+    name, size, sigma = evidence.likeliest_change(columns)
     own = "m_s2" if sensor.is_accelerometer else "rad_s"
     factor, unit = calibration.shown_in(name, own if ".bias_" in name else "1")
     return f"most like {name} changed by {size * factor:.4g} +- {sigma * factor:.2g} {unit}"

@@ -10,6 +10,7 @@ import numpy as np
 
 from tiltcal.calibration.correction import thermal_course
 from tiltcal.calibration.methods.gyro_rates import block_means, steady_blocks
+from tiltcal.calibration.validity import SIGNIFICANCE
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt
@@ -20,6 +21,7 @@ from tiltcal.forward.signal_chain import make_sense
 from tiltcal.instrument.model import InstrumentModel
 from tiltcal.instrument.placing import PlacingBias
 from tiltcal.instrument.temperature import ThermalStream
+from tiltcal.instrument.terms import terms_of
 from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
@@ -28,11 +30,26 @@ from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.statistics.dwell_noise import pooled_noise
-from tiltcal.statistics.noise_spectrum import slow_variance
+from tiltcal.statistics.noise_spectrum import most_slow_variance
 
 BLOCKS = 400  # of a recording over temperature, at most
 LEAST_TURN = 0.5 * DEG  # rad/s: of a table that turns
+RANK = 1e-9  # singular values below this share of the largest are none
+LINEAR = ("bias", "scale", "cross_axis")
+"""Terms of which one is named as the likeliest change where a recording does not agree."""
 HORIZONTAL = np.sin(1 * DEG)  # of g along an axis at which its placing-angle table is judged
+
+
+def linear_columns(sensor: Sensor, sense: Sense) -> dict[str, Array]:
+    """Reading per unit of each bias, scale-factor and cross-axis term by name, SI, (m, k)."""
+    found = {}
+    for name, (cls, parameter) in terms_of(sensor.kind, sensor.axes).items():
+        if cls.calibration_term in LINEAR:
+            channel, column = cls().term(parameter, sense)
+            block = np.zeros((len(sense.time), len(sensor.axes)))
+            block[:, channel] = column
+            found[f"{sensor.name}.{name}"] = block
+    return found
 
 
 @dataclass(frozen=True)
@@ -113,6 +130,35 @@ class Evidence:
                 best, score = (name, size, information**-0.5), size * size * information
         return best
 
+    def with_scatter(self, terms: Array, most: Array) -> "Evidence":
+        """The same with as much slow noise as the rows scatter with about their own best bias,
+        scale factors and cross-axis terms, where that is significantly more than white noise, and
+        not more than the samples allow.
+
+        The calibration is as uncertain by it as these rows are.
+
+        Args:
+            terms: reading per unit of each of these terms, (q, m, k).
+            most: covariance of each row with the most slow noise, SI, (m, k, k).
+        """
+        from scipy.special import chdtrc
+
+        alone = np.zeros((0, *self.residual.shape))
+        nuisance = np.concatenate([terms, self.nuisance])
+        r, X = replace(self, model=alone, nuisance=nuisance)._whitened()
+        size = np.linalg.norm(X, axis=0)
+        U, values, _ = np.linalg.svd(X[:, size > 0] / size[size > 0], full_matrices=False)
+        taken = U[:, values > RANK * values[0]]
+        dof = len(r) - taken.shape[1]
+        if dof <= 0:
+            return self
+        scatter = float(r @ r - (taken.T @ r) @ (taken.T @ r)) / dof
+        if chdtrc(dof, scatter * dof) > SIGNIFICANCE:
+            return self
+        allowed = float(np.mean(np.einsum("mii->mi", most) / np.einsum("mii->mi", self.noise)))
+        factor = min(scatter, allowed)
+        return replace(self, noise=self.noise * factor, model=self.model * np.sqrt(factor))
+
     @cached_property
     def expected(self) -> Array:
         """Covariance of each row's residual by noise and model, SI, (m, k, k)."""
@@ -161,20 +207,27 @@ def evidence_at_rest(
     rows = _Rows.of(model, sensor, recording, setup, poses)
     sense = rows.sense(model, sensor, setup, by_norm)
     residual = rows.means - model.predict(sensor, sense)
-    noise = rows.covariances(model, sensor, sense)
-    for table in model.signal(sensor):
-        if isinstance(table, PlacingBias):
-            _judge_table(table, sense, residual, noise)
+    noise, most = rows.covariances(model, sensor, sense)
+    tables = [e for e in model.signal(sensor) if isinstance(e, PlacingBias)]
+    for table in tables:
+        _judge_table(table, sense, residual, noise)
+    if tables:  # of the other channels nothing is stated
+        stated = [table.axis for table in tables]
+        residual[:, [axis not in stated for axis in sensor.axes]] = np.nan
     sensitivity = model.sensitivity(sensor, sense)
     shown = np.asarray(sensitivity.any(axis=(1, 2)))
     columns = in_standard_deviations(model, sensitivity)
+    terms = np.array(list(linear_columns(sensor, sense).values()))
     if by_norm:
-        return _by_the_norm(model, sensor, sense, noise, columns, shown, rows.spans)
+        along, found = _by_the_norm(model, sensor, sense, noise, columns, shown, rows.spans)
+        most = np.einsum("mi,mij,mj->m", along, most, along)[:, None, None]
+        return found.with_scatter(np.einsum("pmk,mk->pm", terms, along)[:, :, None], most)
     nuisance = _nuisance(model, sensor, sense, rows.pose, own_frame)
     kind = "tilt" if sensor.is_accelerometer else "rate"
-    if any(isinstance(e, PlacingBias) for e in model.signal(sensor)):
+    if tables:
         kind = "table"
-    return Evidence(sensor, kind, sense, residual, noise, columns, nuisance, shown, rows.spans)
+    found = Evidence(sensor, kind, sense, residual, noise, columns, nuisance, shown, rows.spans)
+    return found if kind == "table" else found.with_scatter(terms, most)
 
 
 def in_standard_deviations(model: InstrumentModel, columns: Array) -> Array:
@@ -273,20 +326,26 @@ class _Rows:
             sense = replace(sense, force=model.invert(sensor, self.means, sense))
         return sense
 
-    def covariances(self, model: InstrumentModel, sensor: Sensor, sense: Sense) -> Array:
-        """Covariance of each mean by white and slow noise and rounding, SI, (m, k, k)."""
+    def covariances(
+        self, model: InstrumentModel, sensor: Sensor, sense: Sense
+    ) -> tuple[Array, Array]:
+        """Covariance of each mean by white noise and rounding, SI, (m, k, k), and with as much
+        flicker as the samples allow.
+        """
         poses, pose = self.poses, self.pose
         if not self.samples:
-            return poses.covariances
+            return poses.covariances, poses.covariances
         left = [self._left(i, model, sensor, sense) / poses.spread[i] for i in range(len(poses))]
         counts = (self.cut[:, 2] - self.cut[:, 1]).astype(float)
         spread = poses.spread[pose]
         white, _ = pooled_noise(left)
         found = white / counts[:, None, None] * (spread[:, :, None] * spread[:, None, :])
+        found += poses.rounding[pose][:, :, None] * np.eye(len(white))
+        most = found.copy()
         for i in range(len(white)):
-            slow = slow_variance([part[:, i] for part in left], counts, self.length)
-            found[:, i, i] += slow * spread[:, i] ** 2 + poses.rounding[pose, i]
-        return np.asarray(found)
+            slow = most_slow_variance([part[:, i] for part in left], counts, self.length)
+            most[:, i, i] += slow * spread[:, i] ** 2
+        return np.asarray(found), most
 
     def _left(self, dwell: int, model: InstrumentModel, sensor: Sensor, sense: Sense) -> Array:
         """Readings of a dwell less their mean, and less what the temperature does to them."""
@@ -346,8 +405,9 @@ def _by_the_norm(
     columns: Array,
     shown: Mask,
     spans: Sequence[tuple[float, float]],
-) -> Evidence:
-    """The error of the norm alone, as one channel in units of g: corrected readings less g.
+) -> tuple[Array, Evidence]:
+    """The error of the norm alone, as one channel in units of g: corrected readings less g;
+    and its change per reading, (m, k).
 
     Args:
         model: of the sensor.
@@ -362,7 +422,7 @@ def _by_the_norm(
     _, M = model.linear(sensor)
     along = sense.force / length[:, None] @ np.linalg.inv(M) / model.gravity  # per reading
     spread = np.einsum("mi,mij,mj->m", along, noise, along)
-    return Evidence(
+    return along, Evidence(
         sensor,
         "norm",
         sense,

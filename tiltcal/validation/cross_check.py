@@ -358,7 +358,8 @@ def _measured_again(
     """
     from tiltcal.calibration.methods.registry import calibrate
 
-    again = calibrate(calibration.method, recording, setup, segments=segments)
+    options = calibration.provenance.get("options", {})
+    again = calibrate(calibration.method, recording, setup, segments=segments, **options)
     names = [n for n in calibration.parameters if n in again.parameters]
     if not names:
         raise TiltcalError(
@@ -369,6 +370,8 @@ def _measured_again(
         )
     rows, others = ([list(c.parameters).index(n) for n in names] for c in (calibration, again))
     difference = np.array([again.value(n) - calibration.value(n) for n in names])
+    turns = np.array([calibration.parameters[n].unit == "rad" for n in names])
+    difference[turns] = (difference[turns] + np.pi) % (2 * np.pi) - np.pi
     total = np.asarray(calibration.covariance)[np.ix_(rows, rows)]
     total = total + np.asarray(again.covariance)[np.ix_(others, others)]
     chi2 = float(difference @ np.linalg.pinv(total, hermitian=True) @ difference)

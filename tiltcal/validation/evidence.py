@@ -16,6 +16,8 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt
 from tiltcal.core.units import DEG, EARTH_RATE
 from tiltcal.effects.sense import Sense
+from tiltcal.effects.sensor.temporal import AccDrift
+from tiltcal.effects.table.geometry import TableLevelling
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import make_sense
 from tiltcal.instrument.model import InstrumentModel
@@ -29,6 +31,7 @@ from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
+from tiltcal.setup.trajectory import Jet
 from tiltcal.statistics.dwell_noise import pooled_noise
 from tiltcal.statistics.noise_spectrum import most_slow_variance
 
@@ -225,7 +228,7 @@ def evidence_at_rest(
     nuisance = _nuisance(model, sensor, sense, rows.pose, own_frame)
     kind = "tilt" if sensor.is_accelerometer else "rate"
     if tables:
-        kind = "table"
+        kind, nuisance = "table", _unlevelled(model, sensor, recording, setup, rows)
     found = Evidence(sensor, kind, sense, residual, noise, columns, nuisance, shown, rows.spans)
     return found if kind == "table" else found.with_scatter(terms, most)
 
@@ -395,6 +398,31 @@ def _nuisance(
     each = (pose[None, :] == np.unique(pose)[:, None])[:, None, :, None]
     channels = np.eye(len(sensor.axes))[None, :, None, :]
     return EARTH_RATE * (each * channels).reshape(-1, len(pose), len(sensor.axes))
+
+
+def _unlevelled(
+    model: InstrumentModel, sensor: Sensor, recording: Recording, setup: Setup, rows: _Rows
+) -> Array:
+    """What a table that is not level adds to the rows, at the size of a middling one, and a drift
+    of the zero over the recording, SI, (q, m, k): a placing-angle table is made without both.
+    """
+    where, poses = setup.seen_by(sensor), rows.poses
+    middle = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
+    still = np.zeros(len(middle))
+    jets = {name: Jet(angle, still, still) for name, angle in poses.angles.items()}
+    drive = replay(recording, where).standing(middle, jets)
+    level = closed_form(where, drive).force
+    _, M = model.linear(sensor)
+    columns = []
+    for parameter in TableLevelling.parameters:
+        size = parameter.plausible[1] * parameter.factor
+        tilted = closed_form(where, drive, (TableLevelling({parameter.name: size}),)).force
+        columns.append((tilted - level)[rows.pose] @ M.T)
+    drift = AccDrift.parameters[0]
+    course = (middle - middle[0]) / max(float(np.ptp(middle)), 1e-9)
+    course = drift.plausible[1] * drift.factor * course[rows.pose]
+    columns += [course[:, None] * channel for channel in np.eye(len(sensor.axes))]
+    return np.array(columns)
 
 
 def _by_the_norm(

@@ -153,7 +153,11 @@ def calibrate(
                 do="return one",
             )
         require_finite(result, recording.source)
-    return _stated(result if ours else in_our_units(result, bare), bare, recording)
+    found = _stated(result if ours else in_our_units(result, bare), bare, recording)
+    stated = {k: v for k, v in options.items() if k != "segments" and v is not None}
+    return replace(
+        found, provenance={**found.provenance, "options": stated} if stated else found.provenance
+    )
 
 
 def _require_log(name: str, recording: Recording) -> None:

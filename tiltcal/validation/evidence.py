@@ -5,6 +5,7 @@ uncertainty of both.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -404,13 +405,14 @@ def _unlevelled(
     model: InstrumentModel, sensor: Sensor, recording: Recording, setup: Setup, rows: _Rows
 ) -> Array:
     """What a table that is not level adds to the rows, at the size of a middling one, and a drift
-    of the zero over the recording, SI, (q, m, k): a placing-angle table is made without both.
+    of the zero in each mounting, SI, (q, m, k): a placing-angle table is made without both.
     """
     where, poses = setup.seen_by(sensor), rows.poses
     middle = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
     still = np.zeros(len(middle))
     jets = {name: Jet(angle, still, still) for name, angle in poses.angles.items()}
-    drive = replay(recording, where).standing(middle, jets)
+    course = replay(recording, where)
+    drive = course.standing(middle, jets)
     level = closed_form(where, drive).force
     _, M = model.linear(sensor)
     columns = []
@@ -419,9 +421,13 @@ def _unlevelled(
         tilted = closed_form(where, drive, (TableLevelling({parameter.name: size}),)).force
         columns.append((tilted - level)[rows.pose] @ M.T)
     drift = AccDrift.parameters[0]
-    course = (middle - middle[0]) / max(float(np.ptp(middle)), 1e-9)
-    course = drift.plausible[1] * drift.factor * course[rows.pose]
-    columns += [course[:, None] * channel for channel in np.eye(len(sensor.axes))]
+    size = drift.plausible[1] * drift.factor
+    for begin, end in pairwise([*(start for start, _ in course.mounts), np.inf]):
+        mounted = (middle >= begin) & (middle < end)
+        if mounted.sum() > 1:
+            ramp = np.where(mounted, middle - middle[mounted].mean(), 0.0)
+            ramp *= size / np.ptp(middle[mounted])
+            columns += [ramp[rows.pose, None] * channel for channel in np.eye(len(sensor.axes))]
     return np.array(columns)
 
 

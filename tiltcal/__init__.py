@@ -18,8 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tiltcal.api.certifying import Certificate
+    from tiltcal.api.comparing import combine, compare
     from tiltcal.api.designing import DesignedSequence
     from tiltcal.api.diagnosing import Diagnosis
+    from tiltcal.api.instruments import load_instrument
     from tiltcal.api.reading import read
     from tiltcal.api.scenario import Scenario, correct, load_scenario, parse_scenario
     from tiltcal.calibration.result import Calibration, Estimate, load_calibration
@@ -45,9 +47,12 @@ __all__ = [
     "Segment",
     "Stated",
     "TiltcalError",
+    "combine",
+    "compare",
     "correct",
     "find_segments",
     "load_calibration",
+    "load_instrument",
     "load_scenario",
     "parse_scenario",
     "read",
@@ -55,8 +60,10 @@ __all__ = [
 ]
 _MODULES = {
     "api.certifying": ("Certificate",),
+    "api.comparing": ("combine", "compare"),
     "api.designing": ("DesignedSequence",),
     "api.diagnosing": ("Diagnosis",),
+    "api.instruments": ("load_instrument",),
     "api.reading": ("read",),
     "api.scenario": ("Scenario", "correct", "load_scenario", "parse_scenario"),
     "calibration.result": ("Calibration", "Estimate", "load_calibration"),

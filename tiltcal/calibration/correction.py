@@ -20,8 +20,10 @@ from tiltcal.instrument.temperature import (
     TemperatureTerms,
     ThermalStream,
     at_rows,
+    held,
 )
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.samples import Samples
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
@@ -175,7 +177,7 @@ def corrected_columns(
         values = (
             force_of_tilt(samples.values, g) if sensor.kind == "inclinometer" else samples.values
         )
-        given = _given(recording, calibration, setup, sensor, samples.time, force)
+        given = _given(recording, calibration, setup, sensor, samples, force)
         if course is not None:
             at = at_rows(course, samples.rows)
             warm = at.level - (calibration.of_sensor(sensor, g).reference_degC or 0.0)
@@ -236,15 +238,23 @@ def _given(
     calibration: Calibration,
     setup: Setup,
     sensor: Sensor,
-    time: Array,
+    samples: Samples,
     force: Force | None,
 ) -> Sense:
-    """What is known at these stamps in addition to the reading: the force that a gyro's bias
-    follows, by the accelerometer triad recorded with it.
+    """What is known at the samples of a sensor in addition to the reading: temperature and table
+    angles where they are recorded, and the force that a gyro's bias follows, by the accelerometer
+    triad recorded with it.
     """
-    given = Sense.at_rest(sensor, setup.site.gravity, np.zeros((len(time), 3)))
+    time, rows = samples.time, samples.rows
+    model = calibration.of_sensor(sensor, setup.site.gravity)
+    given = Sense.at_rest(sensor, model.gravity, np.zeros((len(time), 3)))
     given = replace(given, time=time, elapsed=time - time[:1].sum())
-    if calibration.of_sensor(sensor, setup.site.gravity).follows_force(sensor) is None:
+    reference = model.reference_degC
+    if (name := recording.channel("temperature")) is not None and reference is not None:
+        given = replace(given, temperature=held(recording.column(name))[rows] - reference)
+    angles = {a: recording.table(a) for a in setup.rig.axis_names}
+    given = replace(given, angles={a: held(v)[rows] for a, v in angles.items() if v is not None})
+    if model.follows_force(sensor) is None:
         return given
     force = Force.beside(sensor.name, recording, setup) if force is None else force
     if not len(force.time):

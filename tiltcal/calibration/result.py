@@ -20,6 +20,7 @@ from tiltcal.core.numerical import undetermined
 from tiltcal.core.read_back import checked, read_json
 from tiltcal.core.tabular import Tabular
 from tiltcal.core.units import G0, readable_unit
+from tiltcal.effects.base import Effect
 from tiltcal.effects.sense import Sense
 from tiltcal.instrument.model import InstrumentModel
 from tiltcal.instrument.placing import PlacingBias, PlacingCorrector, tables_of
@@ -67,6 +68,8 @@ class Calibration(Tabular):
         bias_tables: placing-angle tables, ``<sensor>.<axis>`` -> entries; lookup: how they are
             read.
         provenance: what it came from.
+        effects: of the instrument that are no terms, such as learned curves: known, without an
+            uncertainty.
     """
 
     method: str
@@ -86,6 +89,7 @@ class Calibration(Tabular):
     lookup: str = "interpolated"
     own_frame: bool = False
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    effects: Sequence[Effect] = ()
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
@@ -120,6 +124,7 @@ class Calibration(Tabular):
     def sensors(self) -> list[str]:
         """Names of the sensors it has parameters for."""
         names = [name.split(".")[0] for name in (*self.parameters, *self.bias_tables)]
+        names += [e.sensor for e in self.effects if e.sensor is not None]
         return [n for n in dict.fromkeys(names) if n not in NO_SENSORS]
 
     def instrument(self, sensors: Sequence[Sensor], gravity: float) -> InstrumentModel:
@@ -146,7 +151,9 @@ class Calibration(Tabular):
         names = list(self.parameters)
         rows = [names.index(name) for name in values]
         covariance = np.asarray(self.covariance)[np.ix_(rows, rows)]
-        return model_of(sensors, gravity, values, covariance, tables)
+        own = {s.name for s in sensors}
+        others = [e for e in self.effects if e.sensor in own]
+        return model_of(sensors, gravity, values, covariance, [*tables, *others])
 
     @cached_property
     def _models(self) -> dict[tuple[str, float], InstrumentModel]:

@@ -8,8 +8,9 @@ from typing import Annotated
 from cyclopts import Group, Parameter
 
 from tiltcal.api.certifying import certificate_of
+from tiltcal.api.instruments import load_instrument
 from tiltcal.api.table_scene import table_picture
-from tiltcal.calibration.result import Calibration, load_calibration
+from tiltcal.calibration.result import Calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_note
 from tiltcal.cli.verdict import print_verdict
@@ -35,7 +36,7 @@ ReportFile = Annotated[
 
 
 def certificate(
-    calibration_file: Annotated[Path, Parameter("CAL", help="Calibration, JSON.")],
+    calibration_file: Annotated[Path, Parameter("CAL", help="Calibration (JSON) or amended.toml.")],
     /,
     *,
     output: Annotated[
@@ -64,7 +65,7 @@ def certificate(
             do="add -o out.html",
         )
     require_statements(stated, dcc)
-    calibration = load_calibration(calibration_file)
+    calibration = load_instrument(calibration_file)
     print_verdict(calibration)
     made = make_certificate(calibration, stated)
     if output is not None:

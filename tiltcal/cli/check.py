@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.api.calibrating import judged
-from tiltcal.calibration.result import load_calibration
+from tiltcal.api.instruments import load_instrument
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
 from tiltcal.cli.output import paragraph, print_json, print_line
 from tiltcal.core.units import ARCSEC, DEG_H
@@ -17,7 +17,7 @@ from tiltcal.validation.cross_check import Check, Limits
 
 
 def check(
-    calibration: Annotated[Path, Parameter("CAL", help="Calibration, JSON.")],
+    calibration: Annotated[Path, Parameter("CAL", help="Calibration (JSON) or amended.toml.")],
     recording_file: Annotated[Path, Parameter("REC", help="Another recording.")],
     /,
     *,
@@ -49,7 +49,7 @@ def check(
     """
     recording = read_recording(recording_file).require_increasing()
     dwells = read_segments(segments, recording) if segments else None
-    known, described = load_calibration(calibration), load_scenario(scenario)
+    known, described = load_instrument(calibration), load_scenario(scenario)
     limits = Limits.of(limit_arcsec, limit_ug, limit_ppm, limit_deg_h)
     result = judged(known, recording, described, limits, dwells)
     if as_json:

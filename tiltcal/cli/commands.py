@@ -37,6 +37,13 @@ CALIBRATION = {
         "estimate:estimate", "Feed a recorded file to an estimator, sample by sample."
     ),
     "check": Command("check:check", "Check a calibration against another recording."),
+    "compare": Command(
+        "compare:compare", "Compare calibrations over the working range: do they say the same?"
+    ),
+    "combine": Command(
+        "combine:combine",
+        "Combine calibrations of one instrument: of a room and a chamber, of several days.",
+    ),
     "certificate": Command("certificate:certificate", "Write the certificate of a calibration."),
     "export": Command(
         "export:export", "Export a calibration, noise, effects or a recording for other programs."

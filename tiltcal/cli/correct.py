@@ -5,8 +5,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from tiltcal.api.instruments import load_instrument
 from tiltcal.calibration.correction import correct_pieces
-from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_note, progress_line, require_output, stdout_bytes
 from tiltcal.cli.verdict import print_verdict
@@ -16,7 +16,7 @@ from tiltcal.recordings.pieces import estimated_rows, read_pieces, writing
 
 
 def correct(
-    calibration_file: Annotated[Path, Parameter("CAL", help="Calibration, JSON.")],
+    calibration_file: Annotated[Path, Parameter("CAL", help="Calibration (JSON) or amended.toml.")],
     recording: Annotated[Path, Parameter("REC", help="Recording to correct.")],
     /,
     *,
@@ -35,7 +35,7 @@ def correct(
       tiltcal correct CAL.json run.csv -o corrected.csv
     """
     require_output("correct", output, as_json, "the corrected recording")
-    calibration = load_calibration(calibration_file)
+    calibration = load_instrument(calibration_file)
     print_verdict(calibration)
     with progress_line() as progress:
         pieces = report_pieces(read_pieces(recording), estimated_rows(recording), progress)

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from tiltcal.calibration.result import load_calibration
+from tiltcal.api.instruments import load_instrument
 from tiltcal.cli.calibrate import parse_options
 from tiltcal.cli.options import DescribedBy, Json
 from tiltcal.cli.output import paragraph, print_json, print_note
@@ -46,7 +46,7 @@ def estimate(
     require_suffix(output)
     setup = load_scenario(scenario)
     recording = read_recording(recording_file).require_increasing()
-    found = None if calibration is None else load_calibration(calibration)
+    found = None if calibration is None else load_instrument(calibration)
     made = make_estimator(estimator, setup, found, parse_options(option))
     names = tuple(getattr(made, "columns", ("tilt_x_deg", "tilt_y_deg")))
     answers, seconds = feed(made, samples_of(recording, setup), estimator, len(names))

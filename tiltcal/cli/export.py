@@ -5,7 +5,8 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from tiltcal.calibration.result import Calibration, load_calibration
+from tiltcal.api.instruments import load_instrument
+from tiltcal.calibration.result import Calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_line, print_note, require_output
 from tiltcal.cli.verdict import print_verdict
@@ -95,7 +96,7 @@ def _of_calibration(
 
     if file.suffix in _RECORDINGS:
         raise _wrong(chosen, file, "a calibration, CAL.json", "make one with `tiltcal calibrate`")
-    found = load_calibration(file)
+    found = load_instrument(file)
     print_verdict(found)
     if chosen == "c":
         return _firmware(found, name, log, vectors)
@@ -155,7 +156,7 @@ def _biases(path: Path | None) -> dict[str, Any]:
 
     if path is None:
         return {}
-    calibration = load_calibration(path)
+    calibration = load_instrument(path)
     setup = setup_of(calibration)
     sensors = [setup.named(n) for n in calibration.sensors()]
     return {s.quantity: calibration.bias(s) for s in reversed(sensors) if len(s.axes) == 3}

@@ -155,6 +155,20 @@ class InstrumentModel:
         slope = np.asarray((read[1:] - read[0]).T)
         return slope if slope.any() else None
 
+    def equation(self, sensor: Sensor) -> str:
+        """What the sensor reads, by the terms of its model."""
+        letter = "f" if sensor.is_accelerometer else "w"
+        usual = {
+            "bias": "bias_i",
+            "scale": f"scale_i {letter}_i",
+            "cross_axis": f"sum_j cross_ij {letter}_j",
+        }
+        parts = []
+        for effect in self.signal(sensor):
+            stated = effect.equation.removeprefix("reading_i += ")
+            parts.append(usual.get(effect.calibration_term, stated))
+        return " + ".join([f"{sensor.name}_i = {letter}_i", *parts])
+
     def unit_input(self, sensor: Sensor) -> float:
         """Size of an ordinary input: g, m/s2, or 1 rad/s."""
         return self.gravity if sensor.is_accelerometer else 1.0

@@ -11,7 +11,6 @@ from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect, TermEffect
 from tiltcal.effects.table.geometry import TableLevelling
 from tiltcal.instrument.model import InstrumentModel, ModelParameter
-from tiltcal.instrument.placing import PlacingBias
 from tiltcal.instrument.temperature import TemperatureTerms
 from tiltcal.setup.sensor import Sensor
 
@@ -59,7 +58,7 @@ def model_of(
     gravity: float,
     values: Mapping[str, tuple[float, str]],
     covariance: Array,
-    tables: Sequence[PlacingBias] = (),
+    others: Sequence[Effect] = (),
 ) -> InstrumentModel:
     """The model of an instrument by the names of its terms.
 
@@ -68,7 +67,7 @@ def model_of(
         gravity: m/s2.
         values: of each parameter, with its unit.
         covariance: in the order and the units of the values, (p, p).
-        tables: placing-angle tables in addition.
+        others: effects in addition, such as placing-angle tables.
     """
     by_name = {s.name: s for s in sensors}
     shapes = {n: v for n, (v, _) in values.items() if n.startswith(f"{SHARED}.")}
@@ -103,7 +102,7 @@ def model_of(
     return InstrumentModel(
         tuple(sensors),
         gravity,
-        (*effects, *tables),
+        (*effects, *others),
         tuple(ModelParameter(name, order.index(key), p) for name, key, p, _ in keys),
         np.asarray(covariance)[np.ix_(rows, rows)] * np.outer(factors, factors),
         memory.get("T0"),

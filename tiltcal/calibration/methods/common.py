@@ -3,6 +3,7 @@ fit.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -137,6 +138,18 @@ def wrap_up(
         warnings=notes,
         provenance=provenance(recording),
     )
+
+
+def with_equation(result: Calibration, sensor: Sensor, setup: Setup) -> Calibration:
+    """A calibration with the equation of its model.
+
+    Args:
+        result: of one sensor.
+        sensor: that one.
+        setup: of the recording.
+    """
+    model = result.instrument((sensor,), setup.site.gravity)
+    return replace(result, equation=model.equation(sensor))
 
 
 def provenance(recording: Recording) -> dict[str, str]:

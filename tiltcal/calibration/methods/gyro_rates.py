@@ -12,6 +12,7 @@ from tiltcal.calibration.methods.common import (
     leave_out_rms,
     pick_sensor,
     whitening,
+    with_equation,
     wrap_up,
 )
 from tiltcal.calibration.methods.terms import columns_under
@@ -101,7 +102,7 @@ def gyro_rates(
         for n, s in zip(fit.names, fit.sigmas, strict=True)
         if ".scale_" in n and s > UNCERTAIN
     ]
-    return wrap_up(
+    result = wrap_up(
         NAME,
         verdict_of(tests, not fit.dropped and not uncertain and fit.dof > 0),
         fit,
@@ -110,10 +111,11 @@ def gyro_rates(
         _notes(setup, ramps_used=used.sum() > blocks.steady.sum(), uncertain=uncertain),
         poses,
         recording,
-        equation=f"{gyro.name} = bias + (I + scale + cross) w + gsens f",
-        inverse="w = M^-1 (reading - bias - gsens f)",
+        equation="",
+        inverse="w by Newton's iteration from M^-1 (reading - bias)",
         heldout={gyro.name: blocks.held_out(used)},
     )
+    return with_equation(result, gyro, setup)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tiltcal.calibration.methods.fog_scale import fog_scale
 from tiltcal.calibration.methods.gyro_rates import gyro_rates
 from tiltcal.calibration.methods.gyro_turns import gyro_turns
@@ -219,7 +221,10 @@ def _with_setup(result: Calibration, setup: Setup) -> Calibration:
 def _stated(result: Calibration, setup: Setup, recording: Recording) -> Calibration:
     """The calibration with the set-up and the units of the user's columns in its provenance."""
     columns = {s.name: recording.sensor(s).units[0] for s in setup.sensor if recording.has(s)}
-    result = replace(result, provenance={**result.provenance, "columns": columns})
+    stated: dict[str, Any] = {"columns": columns}
+    if (temperature := recording.channel("temperature")) is not None:
+        stated["temperature_degC"] = float(np.nanmean(recording.column(temperature)))
+    result = replace(result, provenance={**result.provenance, **stated})
     return _with_setup(result, setup)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import pick_sensor, wrap_up
+from tiltcal.calibration.methods.common import pick_sensor, with_equation, wrap_up
 from tiltcal.calibration.methods.known_attitude_checks import (
     fixture_rotation,
     known_attitude_tests,
@@ -87,7 +87,7 @@ def six_position(
     if DRIFT in terms:
         fit, units, words = without_drift(fit, units, used)
         warnings.append(words)
-    return wrap_up(
+    result = wrap_up(
         NAME,
         verdict_of(tests, determined),
         fit,
@@ -96,10 +96,11 @@ def six_position(
         warnings,
         poses,
         recording,
-        equation=f"{used.name}_i = bias_i + (1 + scale_i) f_i + sum_j cross_ij f_j",
-        inverse="f = M^-1 (reading - bias)",
+        equation="",
+        inverse="f by Newton's iteration from M^-1 (reading - bias)",
         heldout=heldout,
     )
+    return with_equation(result, used, setup)
 
 
 def _require_names(terms: Sequence[str]) -> None:

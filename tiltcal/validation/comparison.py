@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.calibration.correction import setup_of
+from tiltcal.calibration.evidence import in_standard_deviations
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.validity import SIGNIFICANCE, Test, chi2_test
 from tiltcal.core.arrays import Array
@@ -19,7 +20,6 @@ from tiltcal.effects.sense import Sense
 from tiltcal.instrument.model import InstrumentModel
 from tiltcal.instrument.terms import BASE
 from tiltcal.setup.sensor import Sensor
-from tiltcal.validation.evidence import in_standard_deviations
 
 DIRECTIONS = 400  # over the whole sphere
 TEMPERATURES = 5  # over the range of terms over temperature

@@ -5,6 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tiltcal.calibration.evidence import (
+    Evidence,
+    evidence_at_rest,
+    evidence_in_turns,
+    linear_columns,
+)
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.calibration.validity import SIGNIFICANCE, Test, chi2_test
 from tiltcal.core.arrays import Array
@@ -16,12 +22,6 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
-from tiltcal.validation.evidence import (
-    Evidence,
-    evidence_at_rest,
-    evidence_in_turns,
-    linear_columns,
-)
 
 AGREES = "agrees with its uncertainty"
 

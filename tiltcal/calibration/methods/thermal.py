@@ -3,12 +3,17 @@ cycles.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tiltcal.calibration.methods.common import provenance
-from tiltcal.calibration.methods.thermal_blocks import blocks_of, stretches_at_rest, temperature_of
+from tiltcal.calibration.methods.thermal_blocks import (
+    blocks_of,
+    fit_over_blocks,
+    stretches_at_rest,
+    temperature_of,
+)
 from tiltcal.calibration.methods.thermal_model import (
     Blocks,
     Choice,
@@ -37,6 +42,8 @@ NAME = "thermal"
 RESOLVED = 1 / 2000  # of the range of temperature: noise below it needs no smoothing
 LONGEST = 1 / 1000  # of the length: of the low-pass over the noise of the temperature
 BOTH_WAYS = 0.5  # of the range that was passed warming and cooling
+WAYS = 400  # stretches of time whose means say which way the temperature goes
+TREND = 3.0  # of the noise of such a mean: less is no change
 OVERFIT = 2.0  # held-out over fitted variance
 
 
@@ -99,8 +106,12 @@ def thermal(
         shared[memory.kind] = (memory.size, "s" if memory.kind == "lag" else "degC")
     tests = [t for s in used for t in channel_tests(recording, s)]
     tests += [_both_ways(tried[0][1], span), *(p.heldout_test() for p in parts)]
+    fits = [fit_over_blocks(recording, setup, p.sensor, p.blocks, *p.left()) for p in parts]
+    tests += [fit.test() for fit in fits]
     warnings += [note for p in parts for note in p.notes()]
-    return _calibration(recording, parts, shared, tests, warnings, stretches)
+    result = _calibration(recording, parts, shared, tests, warnings, stretches)
+    dof = sum(fit.dof for fit in fits)
+    return replace(result, chi2_per_dof=sum(fit.chi2 for fit in fits) / max(dof, 1), dof=dof)
 
 
 def _smoothing(time: Array, temperature: Array) -> float:
@@ -137,6 +148,11 @@ class SensorFit:
         return SensorFit(
             self.sensor, self.blocks, self.tried, smallest(own), self.scale, self.known
         )
+
+    def left(self) -> tuple[Array, int]:
+        """Residual of each block, SI, (n, k), and how many columns each channel was fitted with."""
+        keep, _, _, left = estimate(self.choice, self.blocks)
+        return left, len(keep)
 
     def heldout_test(self) -> Test:
         """Do blocks that were left out fit as those that were not?"""
@@ -228,8 +244,13 @@ def _common_memory(parts: Sequence[SensorFit]) -> Memory:
 def _both_ways(course: TemperatureCourse, span: float) -> Test:
     """Was most of the range passed warming and cooling?"""
     edges = np.linspace(course.level.min(), course.level.max(), 21)
-    place = np.clip(np.digitize(course.level, edges) - 1, 0, 19)
-    way = np.sign(np.diff(course.level, prepend=course.level[0]))
+    # of means over stretches: the noise of a thermometer goes both ways all the time
+    stretches = np.array_split(course.level, min(WAYS, len(course.level)))
+    level = np.array([part.mean() for part in stretches])
+    place = np.clip(np.digitize(level, edges) - 1, 0, 19)
+    noise = second_difference_noise(course.level) / np.sqrt(len(course.level) / len(level))
+    change = np.gradient(level)
+    way = np.where(np.abs(change) > TREND * noise, np.sign(change), 0.0)
     share = np.array(
         [[np.mean(way[place == k] == w) for w in (1, -1)] for k in range(20) if np.any(place == k)]
     )

@@ -1,10 +1,12 @@
 """Readings over temperature: the temperature at every row, the stretches at rest, their blocks."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tiltcal.calibration.methods.thermal_model import FOLDS, Blocks
+from tiltcal.calibration.validity import Test, chi2_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt
@@ -15,6 +17,8 @@ from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.recordings.static_poses import find_poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
+from tiltcal.statistics.dwell_noise import pooled_noise
+from tiltcal.statistics.noise_spectrum import most_slow_variance
 
 MOST_BLOCKS = 1500
 LEAST_BLOCKS = 4 * FOLDS
@@ -99,6 +103,87 @@ def blocks_of(
     error = means - force[:, list(sensor.axis_indices)]
     spans = np.linalg.matrix_rank(np.column_stack([np.ones(len(up)), up]), tol=0.1) == 4
     return Blocks(error, force / G0 if spans else None, np.zeros_like(pose), rows, time), True
+
+
+@dataclass(frozen=True)
+class BlockFit:
+    """How well blocks were fitted.
+
+    Args:
+        sensor: which.
+        chi2, dof: of the residuals against white noise.
+        allowed: variance of a block by white noise and the most flicker which the samples allow,
+            over that by white noise.
+        worst: the stretch with the largest residual, s, and its rms residual over its noise.
+    """
+
+    sensor: str
+    chi2: float
+    dof: int
+    allowed: float
+    worst: tuple[float, float, float]
+
+    def test(self) -> Test:
+        """Do the residuals stay within the noise?"""
+        found = chi2_test(f"fit of {self.sensor}", self.chi2 / self.allowed, self.dof, "")
+        words = f"residuals of {self.sensor} against the noise of the means"
+        if not found.passed:
+            start, end, ratio = self.worst
+            words += (
+                f": {np.sqrt(self.chi2 / self.dof):.3g} times it; the largest from {start:.6g} to"
+                f" {end:.6g} s, {ratio:.3g} times"
+            )
+        return replace(found, statement=words)
+
+
+def fit_over_blocks(
+    recording: Recording, setup: Setup, sensor: Sensor, blocks: Blocks, left: Array, columns: int
+) -> BlockFit:
+    """How well the blocks of a sensor were fitted.
+
+    Args:
+        recording: that they are of.
+        setup: of the recording.
+        sensor: which.
+        blocks: fitted.
+        left: their residuals, SI, (n, k).
+        columns: fitted to each channel.
+    """
+    samples = recording.sensor(sensor)
+    full = np.full((len(recording), left.shape[1]), np.nan)
+    full[samples.rows] = (
+        force_of_tilt(samples.values, setup.site.gravity)
+        if sensor.kind == "inclinometer"
+        else samples.values
+    )
+    within = []
+    for a, b in blocks.rows:
+        part = full[a:b][~np.isnan(full[a:b]).any(axis=1)]
+        within.append(part - part.mean(axis=0))
+    counts = np.array([len(part) for part in within], dtype=float)
+    white = np.maximum(np.diag(pooled_noise(within)[0]), 1e-30)
+    scaled = left**2 * counts[:, None] / white
+    series = [part + r for part, r in zip(within, left, strict=True)]
+    stretch = np.cumsum(np.diff(blocks.rows[:, 0], prepend=blocks.rows[0, 0]) > blocks.size)
+    parts = [
+        np.concatenate([series[i] for i in np.flatnonzero(stretch == k)])
+        for k in np.unique(stretch)
+    ]
+    length = int(blocks.rows[-1, 1] - blocks.rows[0, 0])
+    slow = np.array(
+        [
+            most_slow_variance([p[:, i] - p[:, i].mean() for p in parts], counts, length).mean()
+            for i in range(len(white))
+        ]
+    )
+    allowed = 1 + float(np.mean(slow * counts.mean() / white))
+    by_stretch = [float(np.sqrt(scaled[stretch == k].mean())) for k in np.unique(stretch)]
+    k = int(np.argmax(by_stretch))
+    rows = blocks.rows[stretch == k]
+    time = recording.time
+    worst = (float(time[rows[0, 0]]), float(time[rows[-1, 1] - 1]), by_stretch[k])
+    dof = max(left.size - columns * left.shape[1], 1)
+    return BlockFit(sensor.name, float(scaled.sum()), dof, allowed, worst)
 
 
 def _mean(values: Array) -> Array:

@@ -40,6 +40,11 @@ class Blocks:
     rows: Index
     time: Array
 
+    @property
+    def size(self) -> int:
+        """Rows of the longest block."""
+        return int(np.max(np.diff(self.rows, axis=1)))
+
     def mean(self, values: Array) -> Array:
         """Mean of a column of the recording over each block, (n,)."""
         total = np.concatenate([[0.0], np.cumsum(values)])

@@ -16,6 +16,7 @@ from tiltcal.calibration.screen.channels import channel_tests, frozen_stretch
 from tiltcal.calibration.screen.columns import unit_test
 from tiltcal.calibration.screen.drift import slope_test
 from tiltcal.calibration.screen.explanations import Explanation, alike, in_words
+from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.core.frames import sphere
 from tiltcal.recordings.static_poses import find_poses
 from tiltcal.statistics.dwell_noise import left_by_rounding, noise_posterior, rounding_variance
@@ -169,3 +170,42 @@ def test_the_walk_of_a_bias_is_nothing_where_there_is_none_and_its_size_where_th
         rate = walk + rng.normal(0, white, n)
         found.append(walk_density(rate, np.full(n, white**2), time, columns))
     assert np.median(found) == pytest.approx(density, rel=0.5)
+
+
+FACES = np.vstack([np.eye(3), -np.eye(3)])
+
+
+def dwells_with(rng, noise):
+    """Poses of six faces, with this noise of every sample, (n, 3)."""
+    clean = triad_readings(FACES, G, np.zeros(3), np.eye(3))
+    log = log_of(clean, ACCEL, dwell=200, move=12, noise=noise(rng, (5 * 212 + 200, 3)))
+    return log, find_poses(log, SETUP, ACCEL)
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        lambda rng, shape: rng.normal(0, 2e-3, shape),
+        lambda rng, shape: 2e-3 * rng.standard_t(3, shape),
+        lambda rng, shape: rng.normal(0, 2e-3, shape) + 5e-6 * np.arange(shape[0])[:, None],
+    ],
+    ids=["normal", "heavy tails", "with a drift"],
+)
+def test_symmetric_noise_is_no_outlier(noise):
+    failed = 0
+    for k in range(100):
+        (test,) = outlier_tests(*dwells_with(rng_of(f"symmetric {k}"), noise))
+        failed += not test.passed
+    assert failed <= 1  # 0.1 each expected: more than one has a probability of 0.5 %
+
+
+def test_spikes_to_one_side_are_found_with_their_channel():
+    def spiky(rng, shape):
+        noise = rng.normal(0, 2e-3, shape)
+        noise[:, 1] += 0.02 * (rng.random(shape[0]) < 0.1)
+        return noise
+
+    (test,) = outlier_tests(*dwells_with(rng_of("spikes"), spiky))
+    assert not test.passed
+    assert "accel_y" in test.statement
+    assert "outliers to one side" in test.statement

@@ -228,8 +228,11 @@ def test_the_real_cycle_leaves_no_more_than_a_careful_fit_with_a_rate_term(tmp_p
     run, cal = str(tmp_path / "run.csv"), tmp_path / "CAL.json"
     assert main(["import", str(REAL), "--map", str(WORDS / "thermal_map.toml"), "-o", run]) == 0
     words = ["--scenario", str(WORDS / "thermal.toml"), "--method", "thermal", "-o", str(cal)]
-    assert main(["calibrate", run, *words]) == 0
+    # it leaves several times the noise of the readings, and says so
+    assert main(["calibrate", run, *words]) == 1
     stated = json.loads(cal.read_text())
+    failed = [t["name"] for t in stated["tests"] if not t["passed"]]
+    assert failed == ["fit of accel"]
     (note,) = [w for w in stated["warnings"] if "a polynomial of temperature alone" in w]
     before, after = note.split(" leaves ")[1].split(", with a ")
     plain = [float(v) for v in before.split(" mg")[0].split(", ")]
@@ -250,3 +253,41 @@ def test_a_gyro_beside_it_has_its_own_terms():
     found = calibrate("thermal", log.with_columns(rates), setup_of("handheld", SENSOR, gyro))
     assert found.value("gyro.temp1_bias_z") == pytest.approx(3e-4, rel=0.02)
     assert found.parameters["gyro.temp1_bias_z"].unit == "rad_s_degC1"
+
+
+def spoiled(log, fault):
+    """A cycle with a step of the bias, a stuck thermometer, or a stretch read upside down."""
+    n, part = len(log), slice(len(log) // 3, len(log) // 2)
+    z, T = log.column("accel_z_m_s2").copy(), log.column("temperature_degC").copy()
+    if fault == "step":
+        z[n // 2 :] += 0.02
+    if fault == "stuck":
+        T[part] = T[part.start]
+    if fault == "label":
+        z[part] = 2 * G - z[part] - 2 * G
+    return changed(log, accel_z_m_s2=z, temperature_degC=T)
+
+
+def changed(log, **columns):
+    """A log with other values in some columns."""
+    own = {name: log.column(name) for name in log.column_names} | columns
+    return Recording.from_columns(log.time, own, labels=np.full(len(log), "+z", dtype=object))
+
+
+@pytest.mark.parametrize("fault", ["step", "stuck", "label"])
+def test_what_no_polynomial_follows_fails_the_fit_and_names_where(fault):
+    log, _ = at_rest(rng_of(f"thermal {fault}"))
+    found = calibrate("thermal", spoiled(log, fault), SETUP)
+    (fit,) = [t for t in found.tests if t.name == "fit of accel"]
+    assert found.verdict == "suspect"
+    assert not fit.passed
+    assert "times it; the largest from" in fit.statement
+
+
+def test_the_noise_of_a_thermometer_is_no_way_back():
+    rng = rng_of("one way")
+    log, _ = at_rest(rng)
+    T = np.linspace(-20.0, 60.0, len(log)) + rng.normal(0, 0.01, len(log))
+    found = calibrate("thermal", changed(log, temperature_degC=T), SETUP)
+    (both,) = [t for t in found.tests if t.name == "warming and cooling"]
+    assert not both.passed

@@ -166,6 +166,13 @@ def check(
     limits = limits or Limits()
     found: list[_Judged] = []
     more = any(name in BASE for name in calibration.parameters)
+    if not more and not calibration.sensors():
+        raise TiltcalError(
+            f"calibration by {calibration.method}",
+            found="no parameter of a sensor",
+            need="one to check",
+            do="check it on what it calibrates",
+        )
     for sensor in () if more else map(setup.named, calibration.sensors()):
         turning = not sensor.is_accelerometer and _has_scale(calibration, sensor)
         judged = _judged(calibration, sensor, recording, setup, limits, segments, turning)

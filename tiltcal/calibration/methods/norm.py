@@ -21,6 +21,7 @@ from tiltcal.calibration.methods.norm_model import mirrored, solve
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.calibration.screen.drift import slope_test
+from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import Test, verdict_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording
@@ -73,6 +74,7 @@ def norm(
     terms = _number_of_terms(terms, used)
     poses = find_poses(recording, setup, used, segments)
     _require_poses(poses, terms, recording)
+    live += outlier_tests(recording, poses)
     if drift:
         _require_slopes(poses)
     return _solved(poses, recording, setup, terms, live, drift=drift)

@@ -40,6 +40,7 @@ from tiltcal.calibration.methods.placing_sweep import (
 )
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, one_of
@@ -118,6 +119,7 @@ def placing_table(
         interpolation_test(axes, setup.site.gravity, lookup),
         *smooth_tests,
         *channel_tests(recording, used, "xy"),
+        *outlier_tests(recording, poses, "xy"),
     ]
     result = wrap_up(
         NAME,

@@ -30,8 +30,10 @@ from tiltcal.calibration.methods.two_position import two_position
 from tiltcal.calibration.parameter_units import in_our_units
 from tiltcal.calibration.result import Calibration, load_calibration, require_finite
 from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.validity import threshold_test
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.numerical import determining
+from tiltcal.effects.parameter import by_name
 from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.saving import write_recording
@@ -155,11 +157,34 @@ def calibrate(
                 do="return one",
             )
         require_finite(result, recording.source)
+    if ours:
+        result = determined(result, bare)
     found = _stated(result if ours else in_our_units(result, bare), bare, recording)
     stated = {k: v for k, v in options.items() if k != "segments" and v is not None}
     return replace(
         found, provenance={**found.provenance, "options": stated} if stated else found.provenance
     )
+
+
+def determined(result: Calibration, setup: Setup) -> Calibration:
+    """The calibration, with the verdict ``cannot_tell`` where a parameter is no better known than
+    without the recording: its sigma exceeds the largest size of an instrument of its kind.
+    """
+    model = result.instrument(setup.sensor, setup.site.gravity)
+    # a misfit widens all sigmas: it is no lack of information
+    widened = max(result.chi2_per_dof, 1.0)
+    sigmas = np.sqrt(np.maximum(np.diag(model.covariance), 0.0) / widened)
+    wide = []
+    for parameter, sigma in zip(model.parameters, sigmas, strict=True):
+        stated = by_name(model.effects[parameter.effect].parameters)[parameter.key]
+        largest = stated.plausible[-1] * stated.factor
+        if 0 < largest < sigma:
+            wide.append(parameter.name)
+    if not wide:
+        return result
+    text = f"the recording does not determine {', '.join(wide)}: turn or tilt those axes"
+    test = threshold_test("determined", len(wide), False, text)
+    return replace(result, verdict="cannot_tell", tests=[*result.tests, test])
 
 
 def _require_log(name: str, recording: Recording) -> None:

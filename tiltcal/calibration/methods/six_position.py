@@ -20,6 +20,7 @@ from tiltcal.calibration.methods.known_attitude_model import (
 )
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import threshold_test, verdict_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording
@@ -77,6 +78,7 @@ def six_position(
     model = Model(setup, terms, start, end - start)
     fit, units = solve(poses, model)
     unit = recording.sensor(used).units[0]
+    live += outlier_tests(recording, poses)
     tests = [*known_attitude_tests(poses, model, fit, unit), *live]
     warnings.append(fixture_rotation(fit, used))
     determined = not fit.dropped and fit.dof > 0

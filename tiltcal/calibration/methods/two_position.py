@@ -16,6 +16,7 @@ from tiltcal.calibration.methods.reversal_faults import Reversal, explain, solve
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.calibration.screen.columns import unit_test
+from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import one_of
@@ -83,6 +84,8 @@ def two_position(
     found = locations(shown, estimator, codes)
     reversal = _reversal(poses, found, angles, mount_of(recording, setup), estimator)
     fit = solve(reversal)
+    if estimator == "mean":
+        live += outlier_tests(recording, poses, "xy")
     tests = [*_tests(fit, reversal, len(poses)), *live]
     if len(used.axes) == 3:
         length = np.median(np.linalg.norm(poses.means, axis=1)) / setup.site.gravity

@@ -155,6 +155,33 @@ def test_the_effects_of_a_scenario_are_corrected_like_a_calibration(tmp_path):
         np.testing.assert_allclose(column, ideal.column(f"accel_{axis}_m_s2"), atol=2e-8)
 
 
+def test_a_calibration_comes_back_from_its_file_with_terms_and_effects(tmp_path):
+    path = tmp_path / "amended.toml"
+    path.write_text(AMENDED)
+    found = tc.load_instrument(path)
+    found.save(tmp_path / "CAL.json")
+    again = tc.load_calibration(tmp_path / "CAL.json")
+    assert again.effects == found.effects
+    table = json.loads((tmp_path / "CAL.json").read_text())
+    assert table["schema"] == 2
+    terms = {t["effect"]: t["parameters"] for t in table["terms"]}
+    assert terms["acc_K2"]["k2_z_ug_g2"]["value"] == pytest.approx(300)
+    recording = tc.load_scenario(path).simulate(noise=False)
+    one, other = (tc.correct(c, recording).column("accel_x_corrected_m_s2") for c in (found, again))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_a_calibration_of_the_first_schema_is_read(tmp_path):
+    covariance = np.diag([1e-10])
+    calibration({"accel.bias_x": 0.01}, covariance).save(tmp_path / "CAL.json")
+    table = json.loads((tmp_path / "CAL.json").read_text()) | {"schema": 1, "method": "norm"}
+    del table["terms"]
+    (tmp_path / "old.json").write_text(json.dumps(table))
+    old = tc.load_calibration(tmp_path / "old.json")
+    assert old.value("accel.bias_x") == 0.01
+    assert old.own_frame  # as all calibrations by the norm alone
+
+
 def tc_table(path):
     import tomllib
 

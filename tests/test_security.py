@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 from scenario_files import BENCH_SCENARIO, refusal
 
-from tiltcal.calibration.correction import setup_of
 from tiltcal.calibration.firmware.header import header, in_comment
-from tiltcal.calibration.result import load_calibration
+from tiltcal.calibration.result import load_calibration, setup_of
 from tiltcal.cli import main
 from tiltcal.core.safe_text import cell_of, plain, text_of
 from tiltcal.recordings.recording import Recording

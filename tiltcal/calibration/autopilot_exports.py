@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.calibration.correction import setup_of
-from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.result import Calibration, setup_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS, G0, split_unit

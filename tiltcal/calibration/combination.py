@@ -9,8 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from tiltcal import __version__
-from tiltcal.calibration.correction import setup_of
-from tiltcal.calibration.result import Calibration, Estimate
+from tiltcal.calibration.result import Calibration, Estimate, setup_of
 from tiltcal.calibration.validity import VERDICTS, Test, chi2_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError

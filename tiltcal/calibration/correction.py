@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pydantic import ValidationError
 
-from tiltcal.calibration.result import Calibration, tilt_angles
+from tiltcal.calibration.result import Calibration, setup_of, tilt_angles
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt, tilt_of_force
@@ -76,33 +75,6 @@ class Corrected:
         if dead and self.rows > 1:
             notes.append(f"{', '.join(dead)}: constant throughout, dead or disconnected")
         return notes
-
-
-def setup_of(calibration: Calibration) -> Setup:
-    """The set-up a calibration was made with.
-
-    Raises:
-        TiltcalError: it does not carry one, or one that is none.
-    """
-    stated = calibration.provenance.get("setup")
-    if stated is None:
-        raise TiltcalError(
-            f"calibration by {calibration.method}",
-            found="no provenance.setup",
-            need="the set-up it belongs to",
-            do="make it with `tiltcal calibrate`, which adds the set-up",
-        )
-    try:
-        return Setup.model_validate(stated)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise TiltcalError(
-            f"calibration by {calibration.method},"
-            f" provenance.setup.{'.'.join(map(str, first['loc']))}",
-            found=first["msg"].lower(),
-            need="the set-up as `tiltcal calibrate` writes it",
-            do="make the calibration again",
-        ) from error
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from tiltcal.calibration.stored import StoredCalibration
 from tiltcal.calibration.validity import VERDICTS, Test, Verdict
@@ -20,13 +21,16 @@ from tiltcal.core.numerical import undetermined
 from tiltcal.core.read_back import checked, read_json
 from tiltcal.core.tabular import Tabular
 from tiltcal.core.units import G0, readable_unit
+from tiltcal.effects import make_effect
 from tiltcal.effects.base import Effect
+from tiltcal.effects.catalogue import to_file
 from tiltcal.effects.sense import Sense
 from tiltcal.instrument.model import InstrumentModel
 from tiltcal.instrument.placing import PlacingBias, PlacingCorrector, tables_of
-from tiltcal.instrument.terms import model_of
+from tiltcal.instrument.terms import model_of, terms_table
 from tiltcal.recordings.static_poses import PoseSpan
 from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 
 FRAMES = (
     "world x East, y North, z Up; f = a - gravity, level at rest (0, 0, +g); body axes as the"
@@ -207,7 +211,7 @@ class Calibration(Tabular):
     def to_json(self) -> dict[str, Any]:
         """The table of CAL.json."""
         table: dict[str, Any] = {
-            "schema": 1,
+            "schema": 2,
             "method": self.method,
             "verdict": self.verdict,
             "equation": self.equation,
@@ -228,6 +232,11 @@ class Calibration(Tabular):
             "warnings": list(self.warnings),
             "provenance": dict(self.provenance),
         }
+        if "setup" in self.provenance:
+            setup = setup_of(self)
+            table["terms"] = terms_table(self.instrument(setup.sensor, setup.site.gravity))
+        if self.effects:
+            table["effects"] = [to_file(effect) for effect in self.effects]
         if self.own_frame:
             table["own_frame"] = True
         if self.bias_tables:
@@ -252,6 +261,33 @@ class Calibration(Tabular):
     def save(self, path: Path | str) -> None:
         """Write CAL.json, whole or not at all."""
         write_json(Path(path), self.to_json())
+
+
+def setup_of(calibration: Calibration) -> Setup:
+    """The set-up a calibration was made with.
+
+    Raises:
+        TiltcalError: it does not carry one, or one that is none.
+    """
+    stated = calibration.provenance.get("setup")
+    if stated is None:
+        raise TiltcalError(
+            f"calibration by {calibration.method}",
+            found="no provenance.setup",
+            need="the set-up it belongs to",
+            do="make it with `tiltcal calibrate`, which adds the set-up",
+        )
+    try:
+        return Setup.model_validate(stated)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise TiltcalError(
+            f"calibration by {calibration.method},"
+            f" provenance.setup.{'.'.join(map(str, first['loc']))}",
+            found=first["msg"].lower(),
+            need="the set-up as `tiltcal calibrate` writes it",
+            do="make the calibration again",
+        ) from error
 
 
 def require_finite(found: Calibration, source: str) -> None:
@@ -314,7 +350,35 @@ def calibration_from(table: Mapping[str, Any], subject: str = "calibration") -> 
         c.lookup,
         c.method == "norm" if c.own_frame is None else c.own_frame,
         c.provenance,
+        _stored_effects(c.effects, c.provenance, subject),
     )
+
+
+def _stored_effects(
+    tables: Sequence[Mapping[str, Any]], provenance: Mapping[str, Any], subject: str
+) -> list[Effect]:
+    """The effects that are no terms, as CAL.json states them.
+
+    Raises:
+        TiltcalError: one is unknown, or there is no set-up that they belong to.
+    """
+    if not tables:
+        return []
+    setup = setup_of(
+        Calibration(subject, "cannot_tell", {}, np.zeros((0, 0)), provenance=provenance)
+    )
+    return [
+        make_effect(
+            str(table.get("id")),
+            {k: v for k, v in table.items() if k not in ("id", "sensor", "axis", "role")},
+            setup,
+            sensor=table.get("sensor"),
+            axis=table.get("axis"),
+            role=table.get("role"),
+            subject=f"{subject}, effect",
+        )
+        for table in tables
+    ]
 
 
 def tilt_angles(f: Array, sensor: Sensor, g: float) -> dict[str, Array]:

@@ -96,6 +96,7 @@ class StoredCalibration(Stored):
     bias_tables: dict[str, list[StoredEntry]] = {}
     lookup: Literal["interpolated", "rounded", "smooth"] = "interpolated"
     own_frame: bool | None = None
+    effects: list[dict[str, Any]] = []
     provenance: dict[str, Any] = {}
 
     @model_validator(mode="after")

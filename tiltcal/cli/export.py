@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from tiltcal.api.instruments import load_instrument
-from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.result import Calibration, setup_of
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_line, print_note, require_output
 from tiltcal.cli.verdict import print_verdict
@@ -106,7 +106,6 @@ def _of_calibration(
 
 
 def _firmware(found: Calibration, name: str, log: Path | None, vectors: Path | None) -> str:
-    from tiltcal.calibration.correction import setup_of
     from tiltcal.calibration.firmware.header import header
     from tiltcal.calibration.firmware.vectors import firmware_vectors
     from tiltcal.recordings.recording_files import read_recording
@@ -152,8 +151,6 @@ def _of_noise(chosen: str, file: Path, topic: str, calibration: Path | None) -> 
 
 def _biases(path: Path | None) -> dict[str, Any]:
     """Quantity -> bias of each axis, SI, of a calibration."""
-    from tiltcal.calibration.correction import setup_of
-
     if path is None:
         return {}
     calibration = load_instrument(path)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.units import PARAMETER_UNITS
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect, TermEffect
+from tiltcal.effects.parameter import by_name
 from tiltcal.effects.table.geometry import TableLevelling
 from tiltcal.instrument.model import InstrumentModel, ModelParameter
 from tiltcal.instrument.temperature import TemperatureTerms
@@ -107,3 +109,23 @@ def model_of(
         np.asarray(covariance)[np.ix_(rows, rows)] * np.outer(factors, factors),
         memory.get("T0"),
     )
+
+
+def terms_table(model: InstrumentModel) -> list[dict[str, Any]]:
+    """The parameters of a model as CAL.json states them: effects of the catalogue, each with its
+    parameters as a scenario's file names them.
+    """
+    sigmas = np.sqrt(np.maximum(np.diag(model.covariance), 0.0)).tolist()
+    found: dict[int, dict[str, Any]] = {}
+    for parameter, sigma in zip(model.parameters, sigmas, strict=True):
+        effect = model.effects[parameter.effect]
+        stated = by_name(effect.parameters)[parameter.key]
+        own: dict[str, Any] = {"effect": effect.id}
+        if effect.sensor is not None:
+            own["sensor"] = effect.sensor
+        table = found.setdefault(parameter.effect, own | {"parameters": {}})
+        table["parameters"][f"{parameter.key}{stated.suffix}"] = {
+            "value": effect.value(parameter.key) / stated.factor,
+            "sigma": sigma / stated.factor,
+        }
+    return list(found.values())

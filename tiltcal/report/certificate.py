@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.calibration.correction import setup_of
-from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.result import Calibration, setup_of
 from tiltcal.core.files import write_text
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.calibration.correction import setup_of
 from tiltcal.calibration.evidence import in_standard_deviations
-from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.result import Calibration, setup_of
 from tiltcal.calibration.validity import SIGNIFICANCE, Test, chi2_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError

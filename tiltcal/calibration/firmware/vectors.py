@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from tiltcal.calibration.correction import correct_pieces, setup_of
+from tiltcal.calibration.correction import correct_pieces
 from tiltcal.calibration.firmware.fixed_linear import FixedSensor, Range, fixed_sensors, range_of
 from tiltcal.calibration.firmware.fixed_point import READ_PLACES
 from tiltcal.calibration.firmware.inclinometer_export import STEEPEST, readings_of
 from tiltcal.calibration.firmware.linear_terms import LinearTerms, linear_terms
 from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, with_recorded_units
-from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.result import Calibration, setup_of
 from tiltcal.core.arrays import Array
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor

@@ -15,19 +15,22 @@ from firmware_vectors import C99, Case
 from host import compiler
 from scenario_files import refusal
 from statistics_helpers import rng_of
+from term_sizes import size_of
 
 from tiltcal.calibration.correction import correct_pieces
 from tiltcal.calibration.correction import setup_of as stated_setup
 from tiltcal.calibration.firmware.fixed_linear import fixed_sensors
 from tiltcal.calibration.firmware.header import header
 from tiltcal.calibration.firmware.inclinometer_export import readings_of
-from tiltcal.calibration.firmware.linear_terms import linear_terms
+from tiltcal.calibration.firmware.linear_terms import has_integers, linear_terms
 from tiltcal.calibration.firmware.log_units import log_unit
 from tiltcal.calibration.firmware.vectors import firmware_vectors
 from tiltcal.calibration.methods.registry import _with_setup
 from tiltcal.calibration.result import calibration_from
 from tiltcal.cli import main
 from tiltcal.core.errors import TiltcalError
+from tiltcal.effects import make_effect
+from tiltcal.instrument.terms import terms_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.setup.sensor import Input
@@ -322,18 +325,20 @@ def test_counts_that_were_calibrated_stay_counts():
 
 
 def test_what_firmware_does_not_have_is_refused_in_words(tmp_path, capsys):
-    bent = calibration([ACCEL], {"accel": AXES | {"K2_x": 100.0}})
-    with pytest.raises(TiltcalError, match=r"found accel\.K2_x, need bias, scale"):
-        header(bent, stated_setup(bent))
-    crossed = calibration([accel(axes=("x", "y"))], {"accel": {"bias_x": 0.1, "cross_xz": 1e-3}})
-    with pytest.raises(TiltcalError, match="found accel, need"):
-        header(crossed, stated_setup(crossed))
+    warming = calibration([ACCEL], {"accel": {"warmup_x": 1e-3}})
+    with pytest.raises(TiltcalError, match=r"acc_warmup\[accel\]: found a term with the time, for"):
+        header(warming, stated_setup(warming))
+    play = replace(
+        calibration([ACCEL], {"accel": AXES}),
+        effects=[
+            make_effect("acc_hysteresis", {"hysteresis_x_ug": 30}, setup_of("handheld", ACCEL))
+        ],
+    )
+    with pytest.raises(TiltcalError, match=r"found acc_hysteresis, need terms that depend on one"):
+        header(play, stated_setup(play))
     lean = calibration([INCL], {"incl": {"cross_xz": 0.1}})
     with pytest.raises(TiltcalError, match=r"a cross-axis term of 0\.1 from the axis that"):
         header(lean, stated_setup(lean))
-    beside = calibration([INCL, GYRO], {"incl": {"bias_x": 0.1}, "gyro": {"bias_x": 0.1}})
-    with pytest.raises(TiltcalError, match="inclinometers alone"):
-        header(beside, stated_setup(beside))
     alone = calibration([GYRO], {"gyro": PULL})
     with pytest.raises(TiltcalError, match="no accelerometer triad"):
         header(alone, stated_setup(alone))
@@ -354,3 +359,67 @@ def test_what_firmware_does_not_have_is_refused_in_words(tmp_path, capsys):
     assert "no sensor" in refusal(["export", tmp_path / "north.json"], tmp_path, capsys)
     words = ["export", tmp_path / "CAL.json", "--format", "px4", "--vectors", "v.csv"]
     assert "found --vectors, need --format c" in refusal(words, tmp_path, capsys)
+
+
+# --------------------------------------------------------------------------------------------------
+# ---------- any list of terms
+
+
+def drawn_terms(sensor, names, rng):
+    """Plausible values of some terms of a sensor, SI."""
+    return {name: float(rng.uniform(-1, 1)) * size_of(sensor, name) for name in names}
+
+
+def all_terms(sensor):
+    """Those that do not depend on the time."""
+    known = terms_of(sensor.kind, sensor.axes)
+    own = {n: cls for n, (cls, _) in known.items() if cls.row_wise and cls.stage == "sensor"}
+    return [n for n, cls in own.items() if cls.needs != "time"]
+
+
+LISTS = [(sensor, "all", k) for k, sensor in enumerate((ACCEL, INCL, GYRO, FOG))]
+LISTS += [(accel(axes=("x", "y")), "all", 4), (accel(unit="mg", axes=("z", "x")), "all", 5)]
+LISTS += [((ACCEL, INCL, GYRO, FOG)[k % 4], "five", k) for k in range(6, 18)]
+
+
+@needs_compiler
+@pytest.mark.parametrize(("sensor", "which", "seed"), LISTS)
+def test_any_list_of_terms_is_corrected_as_correct_does(sensor, which, seed, tmp_path):
+    rng = rng_of(f"terms in C {seed}")
+    names = all_terms(sensor)
+    if which == "five":
+        names = list(rng.choice(names, min(5, len(names)), replace=False))
+    sensors = [sensor] if sensor.is_accelerometer else [ACCEL, sensor]
+    found = calibration(
+        sensors,
+        {sensor.name: drawn_terms(sensor, names, rng) | {k: 0.1 for k in ["K2_x"] if k in names}},
+        {"T0": 21.0, "smoothing": 20.0, "lag": 300.0},
+    )
+    found = replace(
+        found, parameters={n: replace(e, unit="1") for n, e in found.parameters.items()}
+    )
+    setup = stated_setup(found)
+    if has_integers(found, setup):
+        pytest.skip("has a header in integers as well")
+    vectors = firmware_vectors(found)
+    (tmp_path / "imu.h").write_text(header(found, setup, "imu"))
+    own = sensor.name
+    model = found.of_sensor(sensor, setup.site.gravity)
+    unit = log_unit(sensor)
+    inputs = [f"{own}_{a}_{unit.written}" for a in sensor.axes]
+    outputs = [f"{own}_{a}_corrected_{unit.corrected}" for a in sensor.axes]
+    forced = model.follows_force(sensor) is not None
+    warm = model.temperature_terms(sensor) is not None
+    inputs += [f"accel_{a}_{log_unit(ACCEL).written}" for a in "xyz"] if forced else []
+    case = Case(tmp_path / "imu.h", "imu", own, tuple(inputs), tuple(outputs), forced, warm)
+    expected = np.column_stack([vectors.column(c) for c in outputs])
+    size = np.abs(expected).max()
+    assert np.abs(case.run(vectors, None, "-DIMU_DOUBLE") - expected).max() < 1e-12 * size
+    assert np.abs(case.run(vectors, None) - expected).max() < 1e-5 * size
+
+
+def test_without_floating_point_a_model_is_no_header():
+    found = calibration([ACCEL], {"accel": AXES | {"K2_x": 1e-4}})
+    text = header(found, stated_setup(found), "imu")
+    assert "K2_i f_i^2" in text
+    assert '#error "these terms have no version in integers"' in text

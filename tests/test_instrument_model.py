@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from builders import ACCEL, FOG, GYRO, INCL, G
 from statistics_helpers import rng_of
+from term_sizes import WARMEST, size_of
 
 from tiltcal.core.frames import sphere
 from tiltcal.core.units import G0
 from tiltcal.effects.sense import Sense
 from tiltcal.instrument.model import InstrumentModel
-from tiltcal.instrument.temperature import TemperatureTerms
 from tiltcal.instrument.terms import model_of, terms_of
 
 SENSORS = (ACCEL, INCL, GYRO, FOG)
@@ -23,19 +23,6 @@ EVERY_TERM = [
     for name, (cls, _) in terms_of(sensor.kind, sensor.axes).items()
     if cls.row_wise
 ]
-WARMEST = 40.0  # K, above T0
-
-
-def size_of(sensor, name: str) -> float:
-    """A plausible size of a term, SI: that of a consumer-grade sensor."""
-    cls, parameter = terms_of(sensor.kind, sensor.axes)[name]
-    if cls is TemperatureTerms:
-        if name.startswith("tempmem"):
-            return 1e-4 * G0
-        power = int(name[4])
-        return (1e-3 if "_bias_" in name else 1e-4) * (1.0 / WARMEST) ** power
-    stated = next(p for p in cls.parameters if parameter in p.expand(sensor.axes))
-    return stated.plausible[1] * stated.factor
 
 
 def model_with(sensor, names, rng) -> InstrumentModel:

@@ -68,8 +68,18 @@ class InstrumentModel:
         return tuple(e for e in self.effects if not isinstance(e, SignalEffect))
 
     def temperature_terms(self, sensor: Sensor) -> TemperatureTerms | None:
-        """The terms over temperature of a sensor; None where it has none."""
-        return next((e for e in self.signal(sensor) if isinstance(e, TemperatureTerms)), None)
+        """What a sensor's terms over temperature follow: ``TemperatureTerms`` of no size where only
+        other terms depend on the temperature; None where none does.
+        """
+        for effect in self.signal(sensor):
+            if isinstance(effect, TemperatureTerms):
+                return effect
+        force = self.unit_input(sensor) * np.full((1, 3), 0.5)
+        cold = Sense.at_rest(sensor, self.gravity, force)
+        cold = replace(cold, rate=force, input_vector=np.full(3, 0.5))
+        warm = replace(cold, temperature=np.ones(1))
+        depends = np.any(self.predict(sensor, cold) != self.predict(sensor, warm))
+        return TemperatureTerms({}, sensor.name) if depends else None
 
     def predict(self, sensor: Sensor, sense: Sense) -> Array:
         """What a sensor reads, in the sensing form (force or rate), SI, (n, k).

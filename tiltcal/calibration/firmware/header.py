@@ -23,8 +23,9 @@ from tiltcal.calibration.firmware.fixed_point import (
 )
 from tiltcal.calibration.firmware.inclinometer_export import inclinometer_numbers
 from tiltcal.calibration.firmware.linear_export import float_numbers
-from tiltcal.calibration.firmware.linear_terms import LinearTerms, linear_terms
+from tiltcal.calibration.firmware.linear_terms import LinearTerms, has_integers, linear_terms
 from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, with_recorded_units
+from tiltcal.calibration.firmware.model_export import model_numbers
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.safe_text import plain
@@ -43,8 +44,9 @@ def header(
     """The text of a C header.
 
     Args:
-        calibration: with placing-angle tables of one sensor, with bias, scale and axes of
-            inclinometers, or with those of other sensors, over temperature too.
+        calibration: with placing-angle tables of one sensor, or with terms that depend on one
+            reading and the temperature; bias, scale and axes, over temperature too, in integers
+            as well.
         setup: it was made with.
         name: what every C name begins with.
         log: recording whose units are used. If not given they are those of the columns that the
@@ -71,9 +73,12 @@ def header(
         keep_trailing_newline=True,
     )
     setup = with_recorded_units(setup, calibration)
+    inclined = any(setup.named(n).kind == "inclinometer" for n in calibration.sensors())
     if calibration.bias_tables:
         template, numbers = "table.h.jinja", placing_numbers(calibration, setup, name, log)
-    elif any(setup.named(n).kind == "inclinometer" for n in calibration.sensors()):
+    elif not has_integers(calibration, setup):
+        template, numbers = "model.h.jinja", model_numbers(calibration, setup, name, log)
+    elif inclined:
         template = "inclinometer.h.jinja"
         numbers = inclinometer_numbers(calibration, setup, log)
     else:

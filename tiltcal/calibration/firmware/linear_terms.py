@@ -18,6 +18,7 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
 LINEAR = ("bias_", "scale_", "cross_", "gsens_", "temp")
+OWNERS = ("temperature.", "base.")  # of parameters that belong to no sensor
 ROUNDS = 6  # in C: each reduces the error by the size of the axes' terms over temperature
 
 
@@ -102,17 +103,30 @@ def linear_terms(
     )
 
 
+def has_integers(calibration: Calibration, setup: Setup) -> bool:
+    """Whether the terms of a calibration have a version in integers: those of ``LINEAR`` along the
+    axes that a sensor has, and of inclinometers bias, scale factor and cross-axis terms.
+    """
+    sensors = [setup.named(n) for n in calibration.sensors()]
+    inclined = [s.kind == "inclinometer" for s in sensors]
+    allowed = LINEAR[:3] if any(inclined) else LINEAR
+    names = [n.partition(".")[2] for n in calibration.parameters if not n.startswith(OWNERS)]
+    bent = any(s.kind == "accelerometer" and _bent(calibration, s) for s in sensors)
+    return (
+        all(name.startswith(allowed) for name in names)
+        and not bent
+        and not calibration.effects
+        and (all(inclined) or not any(inclined))
+    )
+
+
 def _require_linear(calibration: Calibration, sensors: list[Sensor]) -> None:
-    names = [n for n in calibration.parameters if n.partition(".")[0] in calibration.sensors()]
-    other = [n for n in names if not n.partition(".")[2].startswith(LINEAR)]
-    other += [s.name for s in sensors if s.is_accelerometer and _bent(calibration, s)]
-    if other or not sensors:
+    if not sensors:
         raise TiltcalError(
             f"calibration by {calibration.method}",
-            found=", ".join(other) or "no sensor",
-            need="bias, scale, cross-axis and temperature terms of accelerometers along their own"
-            " axes, gyros or FOGs, or placing-angle tables",
-            do="calibrate with these terms",
+            found="no sensor",
+            need="terms of a sensor",
+            do="calibrate one",
         )
     for sensor in sensors:
         if not re.fullmatch(r"[A-Za-z0-9_]+", sensor.name):

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from tiltcal.calibration.correction import correct_pieces
+from tiltcal.calibration.correction import correct_pieces, temperature_terms
 from tiltcal.calibration.firmware.fixed_linear import FixedSensor, Range, fixed_sensors, range_of
 from tiltcal.calibration.firmware.fixed_point import READ_PLACES
 from tiltcal.calibration.firmware.inclinometer_export import STEEPEST, readings_of
-from tiltcal.calibration.firmware.linear_terms import LinearTerms, linear_terms
+from tiltcal.calibration.firmware.linear_terms import LinearTerms, has_integers, linear_terms
 from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, with_recorded_units
 from tiltcal.calibration.result import Calibration, setup_of
 from tiltcal.core.arrays import Array
@@ -15,6 +15,8 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
 ROWS = 400
+FASTEST = 2.0  # rad/s
+SPAN = 30.0  # degC about T0
 LONGEST_MS = 2000  # between readings
 
 
@@ -48,6 +50,8 @@ def _drawn(calibration: Calibration, setup: Setup) -> Recording:
     if calibration.bias_tables:
         (sensor,) = (setup.named(n) for n in calibration.sensors())
         columns |= _within_tables(calibration, sensor, setup.site.gravity, rng)
+    elif not has_integers(calibration, setup):
+        columns |= _plausible(calibration, setup, rng)
     elif any(setup.named(n).kind == "inclinometer" for n in calibration.sensors()):
         for name in calibration.sensors():
             columns |= _inclined(setup.named(name), rng)
@@ -58,6 +62,35 @@ def _drawn(calibration: Calibration, setup: Setup) -> Recording:
         if terms.memory is not None:
             columns["temperature_degC"] = _there_and_back(terms, rng)
     return Recording.from_columns(time, columns, source="test vectors")
+
+
+def _plausible(
+    calibration: Calibration, setup: Setup, rng: np.random.Generator
+) -> dict[str, Array]:
+    """Readings of all sensors at inclinations up to that of ``STEEPEST``, or at rates up to
+    ``FASTEST``, and temperatures about T0.
+    """
+    columns: dict[str, Array] = {}
+    for sensor in setup.sensor:
+        if sensor.kind == "inclinometer":
+            columns |= _inclined(sensor, rng)
+            continue
+        unit = log_unit(sensor)
+        values = rng.uniform(-FASTEST, FASTEST, (ROWS, len(sensor.axes)))
+        if sensor.is_accelerometer:
+            steep, around = rng.uniform(0, STEEPEST, ROWS), rng.uniform(0, 2 * np.pi, ROWS)
+            x, y = np.sin(steep) * np.cos(around), np.sin(steep) * np.sin(around)
+            up = np.column_stack([x, y, np.cos(steep)])
+            values = setup.site.gravity * up[:, list(sensor.axis_indices)]
+        for axis, column in zip(sensor.axes, values.T, strict=True):
+            columns[f"{sensor.name}_{axis}_{unit.written}"] = (
+                column / unit.factor + unit.zero[sensor.axes.index(axis)]
+            )
+    if temperature_terms(calibration, setup) is not None:
+        T0 = calibration.value("temperature.T0")
+        path = np.interp(np.linspace(0, 2, ROWS), [0, 1, 2], [-SPAN, SPAN, -SPAN])
+        columns["temperature_degC"] = T0 + path + rng.normal(0, 0.1, ROWS)
+    return columns
 
 
 def _over_range(fixed: FixedSensor, rng: np.random.Generator) -> dict[str, Array]:

@@ -1,6 +1,8 @@
 """A gyro triad from rest-turn-rest by hand."""
 
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +11,10 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 from statistics_helpers import draws_of, rng_of
 
+import tiltcal as tc
 from tiltcal.calibration.correction import corrected_columns
 from tiltcal.calibration.methods import gyro_turns
-from tiltcal.calibration.methods.gyro_model import TERMS, StaticRates, parameter_names
+from tiltcal.calibration.methods.gyro_model import TERMS, EarthRate, StaticRates, parameter_names
 from tiltcal.calibration.methods.gyro_turns import Turns, solve
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import Calibration, Estimate
@@ -117,9 +120,9 @@ def drawn(rng, w, up):
         0 * ones,
         0 * ones,
     )
-    return Turns(
-        rate, up[:, :-1], np.full((TURNS, SAMPLES), STEP), before, after, sigma
-    ), StaticRates(poses, up[:, 0] * G0)
+    step, still = np.full((TURNS, SAMPLES), STEP), EarthRate.none(TURNS, SAMPLES)
+    turns = Turns(rate, up[:, :-1], step, before, after, sigma, still)
+    return turns, StaticRates(poses, up[:, 0] * G0, EarthRate.none(len(up)))
 
 
 def bound_of(w, up):
@@ -274,3 +277,20 @@ def test_on_a_real_log_cross_axis_terms_and_then_g_sensitivity_lower_the_held_ou
     assert plain > 3.0
     assert cross <= 0.55
     assert gsens <= 0.20
+
+
+def test_the_earth_turns_with_the_body_and_is_no_misfit():
+    """A quiet gyro sees the Earth's rate turn with the body: a constant bias does not hold it."""
+    path = Path(__file__).parents[1] / "scenarios" / "gyro_turns_by_hand.toml"
+    table = tomllib.loads(path.read_text())
+    table["site"] |= {"latitude_deg": 39.9, "heading_deg": 70.0}
+    for effect in table["effect"]:
+        if effect["id"] == "gyr_noise":
+            effect["white_deg_rth"] = 0.2
+    scenario = tc.parse_scenario(table)
+    for seed in range(4):
+        recording = scenario.simulate(seed=300 + seed)
+        found = scenario.calibrate(recording, "gyro_turns")
+        assert found.verdict == "good", found.headline()
+        bare = found.provenance["setup"]["site"]
+        assert bare["latitude_deg"] == 39.9

@@ -140,6 +140,19 @@ def wrap_up(
     )
 
 
+def without(fit: Fit, prefix: str) -> Fit:
+    """A fit without the parameters whose names begin so: their uncertainty stays in that of the
+    others.
+    """
+    keep = np.array([not name.startswith(prefix) for name in fit.names], dtype=bool)
+    return replace(
+        fit,
+        names=tuple(np.array(fit.names)[keep].tolist()),
+        values=fit.values[keep],
+        covariance=fit.covariance[np.ix_(keep, keep)],
+    )
+
+
 def with_equation(result: Calibration, sensor: Sensor, setup: Setup) -> Calibration:
     """A calibration with the equation of its model.
 

@@ -1,17 +1,20 @@
 """The model of a gyro triad: ``reading = b + (I + S + C) w + G f``, and its static readings."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from tiltcal.calibration.methods.common import whitening_of_means
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import AXES
-from tiltcal.core.units import DEG_H, G0
+from tiltcal.core.units import DEG_H, EARTH_RATE, G0
 from tiltcal.recordings.static_poses import Poses
 from tiltcal.statistics.least_squares import Fit
 
 TERMS = ("bias", "scale", "cross_axis", "gsens")
+EARTH = "earth."
+"""Begins the names of the components of the Earth's rate, which are fitted beside the terms."""
 
 
 def parameter_names(name: str, terms: Sequence[str]) -> list[str]:
@@ -23,6 +26,54 @@ def parameter_names(name: str, terms: Sequence[str]) -> list[str]:
         "gsens": [f"{name}.gsens_{a}{b}" for a in AXES for b in AXES],
     }
     return [n for t in TERMS if t in terms or t == "bias" for n in found[t]]
+
+
+@dataclass(frozen=True)
+class EarthRate:
+    """The Earth's rate in the body, as far as attitude and latitude give it.
+
+    Args:
+        known: rad/s, (..., 3).
+        columns: of what is fitted, each at its prior size, rad/s, (..., 3, q).
+    """
+
+    known: Array
+    columns: Array
+
+    @classmethod
+    def none(cls, *shape: int) -> "EarthRate":
+        """No rate. shape: of the rows."""
+        return cls(np.zeros((*shape, 3)), np.zeros((*shape, 3, 0)))
+
+    @property
+    def names(self) -> list[str]:
+        """Of the fitted components."""
+        return [f"{EARTH}{k}" for k in range(self.columns.shape[-1])]
+
+    def rate(self, components: Array) -> Array:
+        """With these components, (q,), in units of their priors: rad/s, (..., 3)."""
+        return np.asarray(self.known + self.columns @ components)
+
+    def subset(self, mask: Array) -> "EarthRate":
+        """Some of the rows. mask: (m,)."""
+        return EarthRate(self.known[mask], self.columns[mask])
+
+
+def earth_in_body(attitude: Array, latitude: float | None) -> EarthRate:
+    """The Earth's rate under an attitude whose heading is counted from an unknown direction.
+
+    With a latitude the part along up is known and two horizontal components are fitted, without one
+    all three.
+
+    Args:
+        attitude: body components of two horizontal directions and of up, (..., 3, 3).
+        latitude: rad; None: not known.
+    """
+    level, up = attitude[..., :2], attitude[..., 2]
+    if latitude is None:
+        return EarthRate(np.zeros_like(up), EARTH_RATE * attitude)
+    known = EARTH_RATE * np.sin(latitude) * up
+    return EarthRate(known, EARTH_RATE * np.cos(latitude) * level)
 
 
 def unit_of(name: str) -> str:
@@ -40,7 +91,12 @@ class GyroModel:
     def __init__(self, fit: Fit | Array, names: Sequence[str]) -> None:
         values = [fit.value(n) for n in names] if isinstance(fit, Fit) else fit
         self.bias, self.M, self.G = np.zeros(3), np.eye(3), np.zeros((3, 3))
+        self.earth = np.array(
+            [v for n, v in zip(names, values, strict=True) if n.startswith(EARTH)]
+        )
         for name, value in zip(names, values, strict=True):
+            if name.startswith(EARTH):
+                continue
             term, _, axes = name.split(".")[1].partition("_")
             i, j = AXES.index(axes[0]), AXES.index(axes[-1])
             if term == "bias":
@@ -61,13 +117,15 @@ class StaticRates:
     Args:
         rests: of the gyro, (m,).
         force: specific force at each rest, m/s2, (m, 3).
+        earth: the Earth's rate at each, (m,).
     """
 
-    def __init__(self, rests: Poses, force: Array) -> None:
-        self.means, self.force = rests.means, force / G0
+    def __init__(self, rests: Poses, force: Array, earth: EarthRate) -> None:
+        self.means, self.force, self.earth = rests.means, force / G0, earth
         self.whiten = whitening_of_means(rests)
 
     def residual(self, model: GyroModel) -> Array:
         """Whitened, (3 m,)."""
-        error = self.means - model.bias - self.force @ model.G.T
+        turning = self.earth.rate(model.earth) @ model.M.T
+        error = self.means - model.bias - self.force @ model.G.T - turning
         return np.einsum("mij,mj->mi", self.whiten, error).ravel()

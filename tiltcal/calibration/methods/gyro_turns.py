@@ -10,11 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, wrap_up
+from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, without, wrap_up
 from tiltcal.calibration.methods.gyro_model import (
+    EARTH,
     TERMS,
+    EarthRate,
     GyroModel,
     StaticRates,
+    earth_in_body,
     parameter_names,
     unit_of,
 )
@@ -48,6 +51,7 @@ class Turns:
         step: time interval of each sample, s, (m, n), 0 in the padding.
         before, after: gravity direction at the rests, unit vectors in the body frame, (m, 3).
         sigma: standard deviation of the propagated less the measured direction, rad, (m,).
+        earth: the Earth's rate at each sample, (m, n).
     """
 
     rate: Array
@@ -56,10 +60,19 @@ class Turns:
     before: Array
     after: Array
     sigma: Array
+    earth: EarthRate
 
     def subset(self, mask: Array) -> "Turns":
         """Some of the turns. mask: (turns,)."""
-        return Turns(*(values[mask] for values in vars(self).values()))
+        return Turns(
+            self.rate[mask],
+            self.force[mask],
+            self.step[mask],
+            self.before[mask],
+            self.after[mask],
+            self.sigma[mask],
+            self.earth.subset(mask),
+        )
 
     def __len__(self) -> int:
         return len(self.sigma)
@@ -89,9 +102,15 @@ class Series:
 
 
 def collect_turns(
-    recording: Recording, gyro: Sensor, rests: Poses, force: Series, sigma: float
-) -> Turns:
-    """The gyro's readings from the end of each rest to the start of the next.
+    recording: Recording,
+    gyro: Sensor,
+    rests: Poses,
+    force: Series,
+    sigma: float,
+    latitude: float | None,
+) -> tuple[Turns, EarthRate]:
+    """The gyro's readings from the end of each rest to the start of the next; and the Earth's rate
+    at each rest.
 
     Args:
         recording: of the gyro.
@@ -99,6 +118,7 @@ def collect_turns(
         rests: of the gyro, with its noise.
         force: specific force by the calibrated accelerometer, g.
         sigma: standard deviation of gravity's direction at the edge of a rest, rad.
+        latitude: rad; None: not known.
     """
     samples = recording.sensor(gyro)
     reading = Series(samples.time, samples.values).known
@@ -122,7 +142,57 @@ def collect_turns(
     after = _edge_directions(force, angle, starts_of_rests)
     # the integrated noise of the gyro
     walk = np.trace(rests.noise) / 3 * rests.inflation * (step**2).sum(axis=1)
-    return Turns(rate, sensed, step, before, after, np.sqrt(2 * sigma**2 + walk))
+    offset = np.median(reading.values - turning.values, axis=0)
+    at_rest, during = _attitudes(rate - offset, step, before, after)
+    turns = Turns(
+        rate,
+        sensed,
+        step,
+        before,
+        after,
+        np.sqrt(2 * sigma**2 + walk),
+        earth_in_body(during, latitude),
+    )
+    return turns, earth_in_body(at_rest, latitude)
+
+
+def _attitudes(rate: Array, step: Array, before: Array, after: Array) -> tuple[Array, Array]:
+    """Attitude of the body by the integrated rate, levelled by gravity at each rest: body
+    components of two horizontal directions and of up, one column each.
+
+    Args:
+        rate: without bias, rad/s, (m, n, 3).
+        step: s, (m, n).
+        before, after: up at the ends of each turn, body frame, (m, 3).
+
+    Returns:
+        At each rest, (m + 1, 3, 3), and at each sample of the turns, (m, n, 3, 3).
+    """
+    from scipy.spatial.transform import Rotation
+
+    small = Rotation.from_rotvec(-(rate * step[..., None]).reshape(-1, 3)).as_matrix()
+    small = small.reshape(*rate.shape[:2], 3, 3)
+    level = tangents(before[:1])[0]
+    now = np.column_stack([level[0], level[1], before[0]])
+    rests, during = [], np.empty((*rate.shape[:2], 3, 3))
+    for k in range(len(rate)):
+        now = _levelled(now, before[k])
+        rests.append(now)
+        for i in range(rate.shape[1]):
+            now = small[k, i] @ now
+            during[k, i] = now
+    rests.append(_levelled(now, after[-1]))
+    return np.array(rests), during
+
+
+def _levelled(attitude: Array, up: Array) -> Array:
+    """An attitude, (3, 3), turned by the least angle so that its third column is up, (3,)."""
+    from scipy.spatial.transform import Rotation
+
+    axis = np.cross(attitude[:, 2], up)
+    sine, cosine = float(np.linalg.norm(axis)), float(attitude[:, 2] @ up)
+    turn = axis / max(sine, 1e-300) * np.arctan2(sine, cosine)
+    return np.asarray(Rotation.from_rotvec(turn).as_matrix() @ attitude)
 
 
 def _static_rate(rests: Poses, force: Series, force_at_gyro: Array) -> Array:
@@ -172,7 +242,9 @@ def propagated(turns: Turns, models: Sequence[GyroModel]) -> Array:
     (k, m, 3).
     """
     k = len(models)
-    rates = np.concatenate([model.rate(turns.rate, turns.force) for model in models])
+    rates = np.concatenate(
+        [model.rate(turns.rate, turns.force) - turns.earth.rate(model.earth) for model in models]
+    )
     rotations = _products(rates, np.tile(turns.step, (k, 1)))
     before = np.tile(turns.before, (k, 1))[:, :, None]
     return np.asarray(rotations @ before).reshape(k, len(turns), 3)
@@ -202,6 +274,7 @@ def turn_errors(turns: Turns, model: GyroModel) -> Array:
 NAME = "gyro_turns"
 LEAST_TURNS = 6  # three biases and three scale factors at least, two equations a turn
 FOLDS = 12
+STEPS = {"gsens": 1.0, "earth": 0.1}  # deg/h/g; of the Earth's rate
 MEMORY_LIMIT = 300_000  # samples of all models that are integrated at a time
 
 
@@ -247,13 +320,15 @@ def gyro_turns(
     _require_turns(rests, recording)
     turns, static = _turns_and_rests(recording, setup, found, gyro, accel, rests, by_norm)
     names = parameter_names(gyro.name, terms)
+    names += turns.earth.names
     fit, converged = solve(turns, static, names)
     heldout = _held_out(turns, static, names, fit)
     tests = [_fit_test(turns, fit, names), _columns_test(turns, rests), *live]
     warnings = [
         f"held-out error of gravity's direction after a turn: {heldout / DEG:.3g} deg rms",
-        "the Earth's rate is part of the bias and of the g-sensitivity: the heading is unknown",
+        _earth_note(setup),
     ]
+    fit = without(fit, EARTH)
     return wrap_up(
         NAME,
         verdict_of(tests, converged and not fit.dropped and fit.dof > 0),
@@ -266,6 +341,16 @@ def gyro_turns(
         equation=f"{gyro.name} = bias + (I + scale + cross) w + gsens f",
         inverse="w = M^-1 (reading - bias - gsens f)",
         heldout={gyro.name: heldout},
+    )
+
+
+def _earth_note(setup: Setup) -> str:
+    """What is taken off as the Earth's rate."""
+    if setup.site.latitude_deg is None:
+        return "no latitude: all components of the Earth's rate are fitted beside the terms"
+    return (
+        f"the Earth's rate at {setup.site.latitude_deg:g} deg is taken off, its horizontal part"
+        " with a fitted heading"
     )
 
 
@@ -306,14 +391,16 @@ def _turns_and_rests(
     if len(rests) != len(poses):
         words = f"{len(rests)} standstills seen by {gyro.name}, {len(poses)} by {accel.name}"
         raise undetermined(recording.source, "the parameters of gyro_turns", words)
-    static = StaticRates(rests, by_norm.correct(accel, poses.means, g))
     sensed = recording.sensor(accel)
     force = Series(sensed.time, by_norm.correct(accel, sensed.values, g) / G0)
     # of gravity's direction at the edge of a rest: noise of its mean, and what the norm leaves
     noise = np.trace(poses.noise) / 3 * poses.inflation / max(EDGE * accel.rate_hz, 1.0)
     left_by_norm = by_norm.heldout_rms.get(accel.name, 0.0)
     sigma = float(np.sqrt(noise + left_by_norm**2) / g)
-    return collect_turns(recording, gyro, rests, force, sigma), static
+    stated = setup.site.latitude_deg
+    latitude = None if stated is None else stated * DEG
+    turns, earth = collect_turns(recording, gyro, rests, force, sigma, latitude)
+    return turns, StaticRates(rests, by_norm.correct(accel, poses.means, g), earth)
 
 
 def _fit_test(turns: Turns, fit: Fit, names: Sequence[str]) -> Test:
@@ -351,15 +438,16 @@ def solve(
     of its own misfit. The residuals returned are those without the weights.
     """
     across = tangents(turns.after)
-    equations = [2 * len(turns), static.means.size]
-    weight = np.ones(2)
+    prior = [k for k, name in enumerate(names) if name.startswith(EARTH)]
+    equations = [2 * len(turns), static.means.size, len(prior)]
+    weight = np.ones(3)
 
     def residuals(X: Array) -> Array:
         models = [GyroModel(x, names) for x in X]
         error = propagated(turns, models) - turns.after
         angles = np.einsum("mij,kmj->kmi", across, error) / turns.sigma[:, None]
         at_rest = np.array([static.residual(model) for model in models])
-        return np.hstack([angles.reshape(len(X), -1) * weight[0], at_rest * weight[1]])
+        return np.hstack([angles.reshape(len(X), -1) * weight[0], at_rest * weight[1], X[:, prior]])
 
     def problem(x: Array) -> tuple[Array, Array]:
         parts = max(1, turns.step.size * 2 * len(x) // MEMORY_LIMIT)
@@ -372,7 +460,8 @@ def solve(
         fit, converged = gauss_newton(names, x, problem, limit=15)
         x = np.array([fit.value(n) for n in names])
         unweighted = fit.residuals / np.repeat(weight, equations)
-        misfit = np.array([_misfit(part) for part in np.split(unweighted, equations[:1])])
+        parts = np.split(unweighted, np.cumsum(equations[:2]))
+        misfit = np.array([*(_misfit(part) for part in parts[:2]), 1.0])
         if fit.dropped or not converged or np.allclose(misfit * weight, 1.0, rtol=0.01):
             break
         weight = 1 / misfit
@@ -393,9 +482,10 @@ def _slopes(
 ) -> Array:
     """Jacobian by central differences, in several parts where the turns are long.
 
-    The steps are 1e-5 of a ratio or rad/s, and 1 deg/h/g.
+    The steps are 1e-5 of a ratio or rad/s, or of ``STEPS``.
     """
-    steps = np.array([1.0 if ".gsens_" in n else 1e-5 for n in names])
+    steps = np.array([STEPS.get(n.partition(".")[2].partition("_")[0], 1e-5) for n in names])
+    steps = np.where([n.startswith(EARTH) for n in names], STEPS["earth"], steps)
     moved = np.vstack([x + np.diag(steps), x - np.diag(steps)])
     found = np.concatenate([residuals(part) for part in np.array_split(moved, parts)])
     up, down = np.split(found, 2)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tiltcal import __version__
 from tiltcal.calibration.result import Calibration, Estimate
-from tiltcal.calibration.validity import Test, Verdict
+from tiltcal.calibration.validity import SIGNIFICANCE, Test, Verdict
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
@@ -115,6 +115,8 @@ def wrap_up(
             f"the residuals are {np.sqrt(factor):.2g} times the noise of the means; all sigmas are"
             " widened by that factor"
         )
+    if fit_failed and (worst := worst_dwell(fit, poses)):
+        notes.append(worst)
     covariance = fit.covariance * factor
     sigmas = np.sqrt(np.diag(covariance))
     parameters = {
@@ -163,6 +165,34 @@ def with_equation(result: Calibration, sensor: Sensor, setup: Setup) -> Calibrat
     """
     model = result.instrument((sensor,), setup.site.gravity)
     return replace(result, equation=model.equation(sensor))
+
+
+def worst_dwell(fit: Fit, poses: Poses) -> str:
+    """The dwell that fits worst, as text; empty where residuals belong to no single dwell, or none
+    stands out.
+
+    Args:
+        fit: with residuals in units of their noise, those of one dwell next to each other.
+        poses: the dwells.
+    """
+    if not len(poses) or len(fit.residuals) % len(poses):
+        return ""
+    from scipy.special import chdtrc, chdtri
+
+    squares = (fit.residuals.reshape(len(poses), -1) ** 2).sum(axis=1)
+    size = len(fit.residuals) // len(poses)
+    k = int(np.argmax(squares))
+    # against the spread of the others: the middle of a chi-square where all are alike
+    scale = float(np.median(squares)) / float(chdtri(size, 0.5))
+    if scale <= 0 or len(poses) * chdtrc(size, squares[k] / scale) > SIGNIFICANCE:
+        return ""
+    each = np.sqrt(squares / size)
+    span = poses.spans[k]
+    label = f" ({span.label})" if span.label else ""
+    return (
+        f"the dwell from {span.start_s:.6g} to {span.end_s:.6g} s{label} fits worst: its residual is"
+        f" {each[k]:.3g} times its noise, that of the middle one {np.median(each):.3g} times"
+    )
 
 
 def provenance(recording: Recording) -> dict[str, str]:

@@ -4,6 +4,7 @@
 
 import json
 import re
+import tomllib
 
 import pytest
 from builders import effect_of, setup_of
@@ -364,3 +365,11 @@ def test_the_json_schema_describes_the_file():
     ]
     for name, part in schema["$defs"].items():
         assert name in ("EffectTable", "SourceTable") or part["additionalProperties"] is False
+
+
+def test_counts_of_another_quantity_are_refused():
+    text = MINIMAL + 'input = {unit = "LSB", per_deg = 100}\n'
+    with pytest.raises(
+        TiltcalError, match=r"states counts per angle, need per acceleration: per_m"
+    ):
+        parse_scenario(tomllib.loads(text), "x.toml")

@@ -38,6 +38,7 @@ from tiltcal.statistics.noise_spectrum import most_slow_variance
 
 BLOCKS = 400  # of a recording over temperature, at most
 LEAST_TURN = 0.5 * DEG  # rad/s: of a table that turns
+NOTHING = 1e-9  # SI per unit of a parameter: rounding of a pose in which it does not show
 RANK = 1e-9  # singular values below this share of the largest are none
 LINEAR = ("bias", "scale", "cross_axis")
 """Terms of which one is named as the likeliest change where a recording does not agree."""
@@ -219,7 +220,7 @@ def evidence_at_rest(
         stated = [table.axis for table in tables]
         residual[:, [axis not in stated for axis in sensor.axes]] = np.nan
     sensitivity = model.sensitivity(sensor, sense)
-    shown = np.asarray(sensitivity.any(axis=(1, 2)))
+    shown = np.asarray(np.abs(sensitivity).max(axis=(1, 2)) > NOTHING)
     columns = in_standard_deviations(model, sensitivity)
     terms = np.array(list(linear_columns(sensor, sense).values()))
     if by_norm:
@@ -509,7 +510,7 @@ def evidence_in_turns(
         noise,
         in_standard_deviations(model, columns.reshape(-1, *left.shape)),
         _earth_rate(sensor, sense, size)[:, used] if unknown else np.zeros((0, *left.shape)),
-        np.asarray(columns.any(axis=(1, 2))),
+        np.asarray(np.abs(columns).max(axis=(1, 2)) > NOTHING),
         [(float(t) - 0.5, float(t) + 0.5) for t in sense.time[middle]],
     )
 

@@ -17,6 +17,13 @@ RESERVED = {"time", "table", "temperature", "label", "tilt", "north"}
 QUANTITY = {"accelerometer": "acceleration", "inclinometer": "angle", "gyro": "rate", "fog": "rate"}
 
 
+SLOPES = {
+    "acceleration": "per_m_s2 or per_g",
+    "angle": "per_rad or per_deg; a sensor that reads the sine of its tilt is an accelerometer",
+    "rate": "per_rad_s or per_deg_s",
+}
+
+
 DEFAULT_UNIT = {"accelerometer": "m_s2", "inclinometer": "deg", "gyro": "deg_s", "fog": "deg_h"}
 
 
@@ -52,6 +59,12 @@ class Input(StrictTable):
     def _slopes(self) -> list[tuple[str, float]]:
         names = ("m_s2", "g", "rad_s", "deg_s", "rad", "deg")
         return [(n, value) for n in names if (value := getattr(self, f"per_{n}")) is not None]
+
+    @property
+    def quantity(self) -> str:
+        """What a raw reading stands for: acceleration, angle or rate."""
+        ((name, _),) = self._slopes()
+        return COLUMN_UNITS[name].quantity
 
     @property
     def slope(self) -> float:
@@ -160,6 +173,11 @@ class Sensor(StrictTable):
                     "a converter reads a current that follows the force: call the sensor an"
                     " accelerometer"
                 )
+        if self.input is not None and self.input.quantity != self.quantity:
+            raise ValueError(
+                f"the input of {self.name} ({self.kind}) states counts per {self.input.quantity}, need per"
+                f" {self.quantity}: {SLOPES[self.quantity]}"
+            )
         if self.unit is not None:
             unit_ = COLUMN_UNITS.get(self.unit)
             if unit_ is None or unit_.quantity != self.quantity:

@@ -190,8 +190,8 @@ def worst_dwell(fit: Fit, poses: Poses) -> str:
     span = poses.spans[k]
     label = f" ({span.label})" if span.label else ""
     return (
-        f"the dwell from {span.start_s:.6g} to {span.end_s:.6g} s{label} fits worst: its residual is"
-        f" {each[k]:.3g} times its noise, that of the middle one {np.median(each):.3g} times"
+        f"the dwell from {span.start_s:.6g} to {span.end_s:.6g} s{label} fits worst: its residual"
+        f" is {each[k]:.3g} times its noise, that of the middle one {np.median(each):.3g} times"
     )
 
 

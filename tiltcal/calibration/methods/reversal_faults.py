@@ -128,7 +128,10 @@ def _wrong_angle(r: Reversal, rest: Fit, k: int) -> str:
     """
     seen = r.values[k] - rest.values[2:]
     trial = np.arange(-180.0, 180.0, 0.05) * DEG
-    left = np.array([np.linalg.norm(seen - r.turn(k, float(a)) @ rest.values[:2]) for a in trial])
+    east, north = rest.values[:2]
+    cos, sin = np.cos(trial), np.sin(trial)
+    turned = r.mount.T[:2, :2] @ np.array([cos * east + sin * north, cos * north - sin * east])
+    left = np.linalg.norm(seen[:, None] - turned, axis=0)
     angle = float(trial[int(np.argmin(left))]) / DEG
     return (
         f"position {k + 1} disagrees with the others: it reads as {angle:.4g} deg, not"

@@ -175,8 +175,8 @@ class Sensor(StrictTable):
                 )
         if self.input is not None and self.input.quantity != self.quantity:
             raise ValueError(
-                f"the input of {self.name} ({self.kind}) states counts per {self.input.quantity}, need per"
-                f" {self.quantity}: {SLOPES[self.quantity]}"
+                f"the input of {self.name} ({self.kind}) states counts per {self.input.quantity},"
+                f" need per {self.quantity}: {SLOPES[self.quantity]}"
             )
         if self.unit is not None:
             unit_ = COLUMN_UNITS.get(self.unit)

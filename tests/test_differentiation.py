@@ -238,7 +238,7 @@ def test_the_law_of_a_start_is_that_which_fits_furthest_of_all_windows(power, rn
     for law in rest_edges.STARTS:
         reach, when = np.zeros(3), np.full(3, np.nan)
         for width in rest_edges.REACHES:
-            reach[rest_edges._tell(side, np.ones(3, bool), width, law, when)] = width
+            reach[rest_edges._fit_window(side, np.ones(3, bool), width, law, when)] = width
         trials.append((reach.sum(), when))
     total, expected = max(trials, key=lambda trial: trial[0])
     leaves, _ = rest_edges.edges(time / STEP, angle, still, noise)

@@ -93,7 +93,7 @@ class _Part:
         cls, calibration: Calibration, joint: Sequence[str], thermal: Sequence[Calibration]
     ) -> "_Part":
         own = _measured(calibration)
-        factors = np.array([si_factor(calibration.parameters[n].unit) for n in own])
+        factors = np.array([_factor(calibration, n) for n in own])
         rows = [list(calibration.parameters).index(n) for n in own]
         covariance = np.asarray(calibration.covariance)[np.ix_(rows, rows)]
         covariance = covariance * np.outer(factors, factors)
@@ -113,6 +113,24 @@ class _Part:
         correlation = covariance / np.outer(sigma, sigma)
         inverse = np.linalg.inv(correlation + EXACT * np.eye(len(sigma)))
         return cls(values, inverse / np.outer(sigma, sigma), H, sigma)
+
+
+def _factor(calibration: Calibration, name: str) -> float:
+    """SI value of one unit of a parameter.
+
+    Raises:
+        TiltcalError: the unit is unknown.
+    """
+    unit = calibration.parameters[name].unit
+    factor = si_factor(unit)
+    if factor is None:
+        raise TiltcalError(
+            f"calibration by {calibration.method}, {name}",
+            found=f"the unit '{unit}'",
+            need="a unit of tiltcal",
+            do="return it in one, as docs/interfaces.md lists them",
+        )
+    return factor
 
 
 def temperature_of(calibration: Calibration) -> float:
@@ -195,7 +213,7 @@ def _joined(
     test: Test,
 ) -> Calibration:
     """The joint estimate as a calibration."""
-    factors = np.array([si_factor(units[n]) for n in names])
+    factors = np.array([si_factor(units[n]) or 1.0 for n in names])
     shown = covariance / np.outer(factors, factors)
     shared = {
         n: e for c in thermal[:1] for n, e in c.parameters.items() if n.startswith(f"{SHARED}.")

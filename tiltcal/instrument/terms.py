@@ -49,10 +49,12 @@ def terms_of(kind: str, axes: tuple[str, ...]) -> Mapping[str, tuple[type[TermEf
     return found
 
 
-def si_factor(unit: str) -> float:
-    """SI value of one unit of a parameter, per whatever power of degC."""
+def si_factor(unit: str) -> float | None:
+    """SI value of one unit of a parameter, per whatever power of degC; None of an unknown unit."""
     stem, _, _ = unit.partition("_degC")
-    return 1.0 if stem in ("1", "") else PARAMETER_UNITS[stem].factor
+    if stem in ("1", ""):
+        return 1.0
+    return PARAMETER_UNITS[stem].factor if stem in PARAMETER_UNITS else None
 
 
 def model_of(
@@ -65,7 +67,8 @@ def model_of(
     """The model of an instrument by the names of its terms.
 
     Args:
-        sensors: that the names may belong to; others, and terms that no effect has, are left out.
+        sensors: that the names may belong to; others, terms that no effect has, and unknown units
+            are left out.
         gravity: m/s2.
         values: of each parameter, with its unit.
         covariance: in the order and the units of the values, (p, p).
@@ -77,6 +80,9 @@ def model_of(
     keys: list[tuple[str, Key, str, float]] = []
     for name, (value, unit) in values.items():
         owner, _, term = name.partition(".")
+        factor = si_factor(unit)
+        if factor is None:
+            continue
         if name in BASE:
             key: Key = (TableLevelling, None)
             parameter = BASE[name]
@@ -87,7 +93,6 @@ def model_of(
             key = (effect, owner)
         else:
             continue
-        factor = si_factor(unit)
         groups.setdefault(key, {})[parameter] = value * factor
         keys.append((name, key, parameter, factor))
     order = list(groups)

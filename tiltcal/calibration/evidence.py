@@ -496,23 +496,70 @@ def evidence_in_turns(
     if not used.any():
         return None
     sense = make_sense(sensor, setup, closed_form(setup.seen_by(sensor), drive), drive)
-    left = block_means(read.values[complete] - model.predict(sensor, sense), size)[used]
+    sense = _under_temperature(model, sensor, sense, recording, read.rows[complete])
+    left = read.values[complete] - model.predict(sensor, sense)
+    residual = block_means(left, size)[used]
     columns = np.array([block_means(c, size)[used] for c in model.sensitivity(sensor, sense)])
-    poses = find_poses(recording, setup, sensor)
-    noise = np.tile(poses.noise * poses.inflation / size, (len(left), 1, 1))
+    noise, most = _noise_of_blocks(left, residual, used, size)
     middle = np.flatnonzero(used) * size + size // 2
+    at = sense.rows(middle)
     unknown = setup.site.latitude_deg is None or setup.site.heading_deg == "unknown"
-    return Evidence(
+    found = Evidence(
         sensor,
         "rate",
-        sense.rows(middle),
-        left,
+        at,
+        residual,
         noise,
-        in_standard_deviations(model, columns.reshape(-1, *left.shape)),
-        _earth_rate(sensor, sense, size)[:, used] if unknown else np.zeros((0, *left.shape)),
+        in_standard_deviations(model, columns.reshape(-1, *residual.shape)),
+        _earth_rate(sensor, sense, size)[:, used] if unknown else np.zeros((0, *residual.shape)),
         np.asarray(np.abs(columns).max(axis=(1, 2)) > NOTHING),
-        [(float(t) - 0.5, float(t) + 0.5) for t in sense.time[middle]],
+        [(float(t) - 0.5, float(t) + 0.5) for t in at.time],
     )
+    return found.with_scatter(np.array(list(linear_columns(sensor, at).values())), most)
+
+
+def _under_temperature(
+    model: InstrumentModel, sensor: Sensor, sense: Sense, recording: Recording, rows: Index
+) -> Sense:
+    """What a sensor senses with the temperature as the terms of its model follow it.
+
+    Args:
+        model: of the sensor.
+        sensor: which.
+        sense: at some rows, (n,).
+        recording: that they are of.
+        rows: their numbers, (n,).
+    """
+    terms = model.temperature_terms(sensor)
+    if terms is None:
+        return sense
+    course = thermal_course(recording, ThermalStream(terms))
+    warm = course.level[rows] - (model.reference_degC or 0.0)
+    return replace(sense, temperature=warm, temperature_memory=course.memory[rows])
+
+
+def _noise_of_blocks(left: Array, residual: Array, used: Mask, size: int) -> tuple[Array, Array]:
+    """Covariance of the mean of each block by white noise, SI, (m, k, k), and with as much flicker
+    as the samples allow.
+
+    Args:
+        left: residual of each sample, SI, (n, k).
+        residual: of the blocks that are used, (m, k).
+        used: which blocks, (b,).
+        size: samples of a block.
+    """
+    samples = left[: len(used) * size].reshape(len(used), size, -1)[used]
+    within = [block - mean for block, mean in zip(samples, residual, strict=True)]
+    white, _ = pooled_noise(within)
+    runs = np.cumsum(np.diff(np.flatnonzero(used), prepend=-1) > 1)
+    parts = [samples[runs == k].reshape(-1, samples.shape[2]) for k in np.unique(runs)]
+    counts = np.full(len(samples), float(size))
+    noise = np.tile(white / size, (len(samples), 1, 1))
+    most = noise.copy()
+    for i in range(len(white)):
+        series = [part[:, i] - part[:, i].mean() for part in parts]
+        most[:, i, i] += most_slow_variance(series, counts, len(left))
+    return noise, most
 
 
 def _earth_rate(sensor: Sensor, sense: Sense, size: int) -> Array:

@@ -186,8 +186,8 @@ class InstrumentModel:
     def invert(self, sensor: Sensor, reading: Array, given: Sense | None = None) -> Array:
         """The input that a reading stands for, along each channel, SI, (n, k).
 
-        Newton's iteration with the sensitivity of ``linear``. With two channels of an accelerometer
-        the third component follows from \\|f\\| = g, pointing up.
+        Newton's iteration with the sensitivity of ``linear`` in place of the slope. With two
+        channels of an accelerometer the third component follows from |f| = g, pointing up.
 
         Args:
             sensor: which.
@@ -198,19 +198,48 @@ class InstrumentModel:
         bias, M = self.linear(sensor)
         columns = [0] if sensor.kind == "fog" else list(sensor.axis_indices)
         inverse = np.asarray(np.linalg.inv(M[:, columns]))
-        found = product(inverse, reading - bias)
+        unbiased = reading - bias
+        found = product(inverse, unbiased)
         if len(columns) == M.shape[1] and all(e.calibration_term for e in self.signal(sensor)):
             return found
         limit = CONVERGED * self.unit_input(sensor)
         active = np.ones(len(found), bool)
         for _ in range(ROUNDS):
-            sense = self._sense_of(sensor, self._complete(sensor, found), given)
-            step = product(inverse, reading - self.predict(sensor, sense))
+            inputs = self._complete(sensor, found)
+            after = product(inverse, unbiased - self._beyond(sensor, inputs, given, columns))
+            change = np.abs(after - found)
             # each reading by itself: the same whatever others are corrected with it
-            found[active] += step[active]
-            active &= (np.abs(step) >= limit).any(axis=1)
+            found[active] = after[active]
+            active &= (change >= limit).any(axis=1)
             if not active.any():
                 break
+        return found
+
+    def _beyond(
+        self, sensor: Sensor, inputs: Array, given: Sense | None, columns: Sequence[int]
+    ) -> Array:
+        """What a sensor reads beyond its bias and what follows linearly from the input along its
+        channels, SI, (n, k).
+
+        Args:
+            sensor: which.
+            inputs: along all body axes, (n, 3).
+            given: see ``invert``.
+            columns: axes of the channels.
+        """
+        bias, M = self.linear(sensor)
+        effects = self.signal(sensor)
+        sense = self._sense_of(sensor, inputs, given)
+        if not all(isinstance(effect, TermEffect) for effect in effects):
+            linear = product(M[:, list(columns)], inputs[:, list(columns)])
+            return self.predict(sensor, sense) - bias - linear
+        found = np.zeros((len(inputs), len(sensor.axes)))
+        for missing in sorted(set(range(M.shape[1])) - set(columns)):
+            if M[:, missing].any():
+                found += np.outer(inputs[:, missing], M[:, missing])
+        for effect in effects:
+            if not effect.calibration_term:
+                found = effect.apply(found, sense, None)
         return found
 
     def _complete(self, sensor: Sensor, found: Array) -> Array:

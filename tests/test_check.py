@@ -117,3 +117,17 @@ def test_parameters_that_a_recording_does_not_show_are_named():
     hidden = {f"accel.{t}" for t in ("scale_x", "scale_y", "cross_xy", "cross_yx", "cross_zx")}
     assert set(result.not_shown) == hidden | {"accel.cross_zy"}
     assert "not shown by this recording: accel.scale_x" in result.statement
+
+
+def test_the_axis_that_two_axes_lack_is_said_where_it_points_down():
+    table = tomllib.loads((SCENARIOS / "six_faces_dual.toml").read_text())
+    accel = table["sensor"][0] | {"axes": ["x", "y"]}
+    effects = [
+        {k: v for k, v in e.items() if "_z" not in k and "_zx" not in k and "_zy" not in k}
+        for e in table["effect"]
+    ]
+    scenario = tc.parse_scenario(table | {"sensor": [accel], "effect": effects})
+    found = scenario.calibrate(scenario.simulate(seed=1), "six_position")
+    result = scenario.check(found, scenario.simulate(seed=2))
+    assert result.accepted
+    assert "in 1 of 6 dwells z points down, which two axes do not show" in result.statement

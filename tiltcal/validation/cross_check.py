@@ -24,6 +24,7 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
 AGREES = "agrees with its uncertainty"
+DOWN = 0.01  # of g along the axis that a two-axis sensor lacks: nearer to horizontal it has no sign
 
 
 @dataclass(frozen=True)
@@ -202,6 +203,7 @@ class _Judged:
         test: chi-square.
         change: the likeliest change, as text; empty where the test passes.
         hidden: parameters that the rows do not depend on.
+        note: what else should be known, as text.
     """
 
     kind: str
@@ -211,6 +213,7 @@ class _Judged:
     test: Test
     change: str = ""
     hidden: Sequence[str] = ()
+    note: str = ""
 
 
 def _judged(
@@ -248,7 +251,33 @@ def _judged(
     change = "" if test.passed else _change(calibration, sensor, evidence)
     errors, quantities = _quantities(evidence, limits)
     hidden = [p.name for p, x in zip(model.parameters, evidence.shown, strict=True) if not x]
-    return _Judged(evidence.kind, quantities, errors, evidence.spans, test, change, hidden)
+    return _Judged(
+        evidence.kind,
+        quantities,
+        errors,
+        evidence.spans,
+        test,
+        change,
+        hidden,
+        _unknown_sign(sensor, evidence),
+    )
+
+
+def _unknown_sign(sensor: Sensor, evidence: Evidence) -> str:
+    """A note where the axis that a two-axis sensor lacks points down: its readings do not show
+    that.
+    """
+    if not sensor.is_accelerometer or len(sensor.axes) != 2:
+        return ""
+    (missing,) = set(range(3)) - set(sensor.axis_indices)
+    force = evidence.sense.force
+    below = int(np.sum(force[:, missing] < -DOWN * evidence.sense.gravity))
+    if not below:
+        return ""
+    return (
+        f"in {below} of {len(force)} dwells {'xyz'[missing]} points down, which two axes do not"
+        " show: `tiltcal correct` takes it as pointing up"
+    )
 
 
 def _change(calibration: Calibration, sensor: Sensor, evidence: Evidence) -> str:
@@ -478,6 +507,8 @@ def _statement(found: Sequence[_Judged], limits: Limits, accepted: bool) -> str:
             text += f"; {judged.change}"
         if judged.hidden:
             text += f"; not shown by this recording: {', '.join(judged.hidden)}"
+        if judged.note:
+            text += f"; {judged.note}"
         parts.append(text)
     return ". ".join(parts)
 

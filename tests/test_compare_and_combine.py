@@ -221,3 +221,35 @@ coordinate = "force_y"
 power = 2
 coefficients = [1e-5]
 """
+
+
+SAGGING = AMENDED + """
+[[effect]]
+id = "table_levelling"
+tilt_east_arcsec = 300
+"""
+
+
+def test_effects_of_the_table_are_in_what_a_check_expects(tmp_path):
+    path = tmp_path / "amended.toml"
+    path.write_text(SAGGING)
+    nominal = {k: v for k, v in tc_table(path).items() if k != "effect"}
+    recording = tc.load_scenario(path).simulate(noise=False)
+    setup = tc.parse_scenario(nominal)
+    found = setup.check(tc.load_instrument(path), recording, limit_arcsec=0.5)
+    assert found.accepted, found.statement
+    path.write_text(AMENDED)
+    other = setup.check(tc.load_instrument(path), recording, limit_arcsec=0.5)
+    assert other.rms / ARCSEC == pytest.approx(300, rel=1e-2)
+
+
+def test_what_follows_a_table_is_not_compared_without_its_angle(tmp_path):
+    curve = 'coordinate = "force_y"\npower = 2\n'
+    harmonics = 'coordinate = "table_outer"\n'
+    path = tmp_path / "amended.toml"
+    path.write_text(AMENDED.replace(curve, harmonics))
+    one = tc.load_instrument(path)
+    with pytest.raises(TiltcalError, match="follows the table's axis 'outer', which is not known"):
+        tc.compare(one, one)
+    recording = tc.load_scenario(path).simulate(noise=False)
+    assert np.isfinite(tc.correct(one, recording).column("accel_x_corrected_m_s2")).all()

@@ -7,7 +7,14 @@ import numpy as np
 
 from tiltcal.calibration.result import Calibration, Estimate, load_calibration
 from tiltcal.core.errors import TiltcalError
-from tiltcal.effects.base import Effect, SignalEffect, TermEffect
+from tiltcal.effects.base import (
+    AngleEffect,
+    Effect,
+    FrameEffect,
+    SignalEffect,
+    TermEffect,
+    WorldEffect,
+)
 from tiltcal.effects.sensor.dynamics import AccBandwidth
 from tiltcal.instrument.terms import term_name
 from tiltcal.laboratory.scenario import Scenario, load_scenario
@@ -33,8 +40,8 @@ def instrument_of(scenario: Scenario) -> Calibration:
     """The effects on the signals of a scenario as a calibration.
 
     Terms of the model equation become parameters, with the uncertainties that are stated; other
-    effects are corrected as they are. Noise, filters and converters, and what lies outside the
-    sensors, are left out.
+    effects are corrected as they are. Effects of table, mount and environment are kept for `check`,
+    which knows the table's angles. Noise, filters, converters and clocks are left out.
 
     Raises:
         TiltcalError: no effect acts on a sensor.
@@ -42,6 +49,8 @@ def instrument_of(scenario: Scenario) -> Calibration:
     parameters: dict[str, Estimate] = {}
     others: list[Effect] = []
     for effect in scenario.effects:
+        if isinstance(effect, WorldEffect | AngleEffect | FrameEffect) and not effect.random:
+            others.append(effect)
         if not isinstance(effect, SignalEffect) or effect.random or effect.order >= FILTERS:
             continue
         shaped = any(p.is_shape and effect.value(p.name) for p in effect.parameters)
@@ -53,7 +62,7 @@ def instrument_of(scenario: Scenario) -> Calibration:
                 parameters[key] = Estimate(before.value + value, sigma, "si")
         else:
             others.append(effect)
-    if not parameters and not others:
+    if not parameters and not any(e.sensor for e in others):
         raise TiltcalError(
             f"scenario {scenario.name}",
             found="no effect on a sensor",

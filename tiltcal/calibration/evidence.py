@@ -16,6 +16,7 @@ from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt
 from tiltcal.core.units import DEG, EARTH_RATE
+from tiltcal.effects.base import Effect
 from tiltcal.effects.sense import Sense
 from tiltcal.effects.sensor.temporal import AccDrift
 from tiltcal.effects.table.geometry import TableLevelling
@@ -211,6 +212,9 @@ def evidence_at_rest(
         poses = poses.subset(known)
     rows = _Rows.of(model, sensor, recording, setup, poses)
     sense = rows.sense(model, sensor, setup, by_norm)
+    if model.geometry and poses.angles and not by_norm:
+        force = _forces(recording, setup.seen_by(sensor), poses, model.geometry)
+        sense = replace(sense, force=force[rows.pose])
     residual = rows.means - model.predict(sensor, sense)
     noise, most = rows.covariances(model, sensor, sense)
     tables = [e for e in model.signal(sensor) if isinstance(e, PlacingBias)]
@@ -321,6 +325,9 @@ class _Rows:
         """What the sensor senses on each row; where attitudes are not known, by its readings."""
         g = setup.site.gravity
         sense = Sense.at_rest(sensor, g, g * np.nan_to_num(self.poses.up)[self.pose])
+        time = np.array([(start + end) / 2 for start, end in self.spans])
+        angles = {axis: angle[self.pose] for axis, angle in self.poses.angles.items()}
+        sense = replace(sense, time=time, elapsed=time - time[:1].sum(), angles=angles)
         if sensor.kind == "fog":
             sense = replace(sense, input_vector=sensor.input_vector)
         if self.warm is not None:
@@ -402,6 +409,16 @@ def _nuisance(
     return EARTH_RATE * (each * channels).reshape(-1, len(pose), len(sensor.axes))
 
 
+def _forces(recording: Recording, setup: Setup, poses: Poses, effects: Sequence[Effect]) -> Array:
+    """Specific force at the mean readout of each dwell under some effects, body frame, m/s2, (m,
+    3).
+    """
+    middle = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
+    still = np.zeros(len(middle))
+    jets = {name: Jet(angle, still, still) for name, angle in poses.angles.items()}
+    return closed_form(setup, replay(recording, setup).standing(middle, jets), effects).force
+
+
 def _unlevelled(
     model: InstrumentModel, sensor: Sensor, recording: Recording, setup: Setup, rows: _Rows
 ) -> Array:
@@ -409,17 +426,14 @@ def _unlevelled(
     of the zero in each mounting, SI, (q, m, k): a placing-angle table is made without both.
     """
     where, poses = setup.seen_by(sensor), rows.poses
-    middle = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
-    still = np.zeros(len(middle))
-    jets = {name: Jet(angle, still, still) for name, angle in poses.angles.items()}
     course = replay(recording, where)
-    drive = course.standing(middle, jets)
-    level = closed_form(where, drive).force
+    middle = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
+    level = _forces(recording, where, poses, ())
     _, M = model.linear(sensor)
     columns = []
     for parameter in TableLevelling.parameters:
         size = parameter.plausible[1] * parameter.factor
-        tilted = closed_form(where, drive, (TableLevelling({parameter.name: size}),)).force
+        tilted = _forces(recording, where, poses, (TableLevelling({parameter.name: size}),))
         columns.append((tilted - level)[rows.pose] @ M.T)
     drift = AccDrift.parameters[0]
     size = drift.plausible[1] * drift.factor

@@ -156,7 +156,7 @@ class Calibration(Tabular):
         rows = [names.index(name) for name in values]
         covariance = np.asarray(self.covariance)[np.ix_(rows, rows)]
         own = {s.name for s in sensors}
-        others = [e for e in self.effects if e.sensor in own]
+        others = [e for e in self.effects if e.sensor is None or e.sensor in own]
         return model_of(sensors, gravity, values, covariance, [*tables, *others])
 
     @cached_property

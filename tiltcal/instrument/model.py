@@ -12,7 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.base import Effect, SignalEffect, TermEffect
+from tiltcal.effects.curve_coordinates import INPUTS, OF_SENSOR
+from tiltcal.effects.learned import Learned
 from tiltcal.effects.sense import Sense
 from tiltcal.instrument.temperature import TemperatureTerms
 from tiltcal.setup.sensor import Sensor
@@ -78,7 +81,7 @@ class InstrumentModel:
         cold = Sense.at_rest(sensor, self.gravity, force)
         cold = replace(cold, rate=force, input_vector=np.full(3, 0.5))
         warm = replace(cold, temperature=np.ones(1))
-        depends = np.any(self.predict(sensor, cold) != self.predict(sensor, warm))
+        depends = np.any(self._alone(sensor, cold) != self._alone(sensor, warm))
         return TemperatureTerms({}, sensor.name) if depends else None
 
     def predict(self, sensor: Sensor, sense: Sense) -> Array:
@@ -87,10 +90,29 @@ class InstrumentModel:
         Args:
             sensor: which.
             sense: what it senses, (n,) rows.
+
+        Raises:
+            TiltcalError: an effect follows a table's axis that the rows do not know.
         """
         reading = sense.true_input()
         for effect in self.signal(sensor):
-            reading = effect.apply(reading, sense, None)
+            try:
+                reading = effect.apply(reading, sense, None)
+            except KeyError as error:
+                raise TiltcalError(
+                    effect.address,
+                    found=f"that it follows the table's axis {error}, which is not known here",
+                    need="readings with that axis, or terms of the sensor alone",
+                    do="leave the effect out",
+                ) from error
+        return reading
+
+    def _alone(self, sensor: Sensor, sense: Sense) -> Array:
+        """``predict`` without the effects that follow how a table moves, SI, (n, k)."""
+        reading = sense.true_input()
+        for effect in self.signal(sensor):
+            if not isinstance(effect, Learned) or effect.coordinate in (*INPUTS, *OF_SENSOR):
+                reading = effect.apply(reading, sense, None)
         return reading
 
     def sensitivity(self, sensor: Sensor, sense: Sense) -> Array:
@@ -161,7 +183,7 @@ class InstrumentModel:
         if sensor.is_accelerometer:
             return None
         force = np.concatenate([np.zeros((1, 3)), np.eye(3)])
-        read = self.predict(sensor, Sense.at_rest(sensor, self.gravity, force))
+        read = self._alone(sensor, Sense.at_rest(sensor, self.gravity, force))
         slope = np.asarray((read[1:] - read[0]).T)
         return slope if slope.any() else None
 

@@ -223,11 +223,14 @@ coefficients = [1e-5]
 """
 
 
-SAGGING = AMENDED + """
+SAGGING = (
+    AMENDED
+    + """
 [[effect]]
 id = "table_levelling"
 tilt_east_arcsec = 300
 """
+)
 
 
 def test_effects_of_the_table_are_in_what_a_check_expects(tmp_path):

@@ -20,7 +20,7 @@ CASES = {
     "placing_table_both_axes": ("placing_table", "table", ("acc_bias", "bias_y_ug", 3000)),
     "gyro_rates_three": ("gyro_rates", "rate", ("gyr_scale", "scale_z_ppm", 3000)),
     "two_position_level": ("two_position", "base", ("acc_bias", "bias_x_ug", 2000)),
-    "fog_scale_by_hand": ("fog_scale", "rate", ("gyr_scale", "scale_x_ppm", 20000)),
+    "fog_scale_by_hand": ("fog_scale", "parameters", ("gyr_scale", "scale_x_ppm", 20000)),
 }
 
 
@@ -60,8 +60,8 @@ def test_a_scale_factor_that_moved_is_named_with_its_size():
     found = scenario.calibrate(scenario.simulate(seed=1), "six_position")
     aged = tc.parse_scenario(changed(table, "acc_scale", "scale_x_ppm", 10000)).simulate(seed=2)
     statement = scenario.check(found, aged).statement
-    assert "most like accel.scale_x changed by" in statement
-    size = float(statement.split("changed by ")[1].split(" +-")[0])
+    assert "most likely accel.scale_x has changed, by" in statement
+    size = float(statement.split("changed, by ")[1].split(" +-")[0])
     assert size == pytest.approx(10000, rel=0.02)
 
 
@@ -131,3 +131,37 @@ def test_the_axis_that_two_axes_lack_is_said_where_it_points_down():
     result = scenario.check(found, scenario.simulate(seed=2))
     assert result.accepted
     assert "in 1 of 6 dwells z points down, which two axes do not show" in result.statement
+
+
+def test_a_gyro_at_standstill_is_refused_beyond_the_earths_rate():
+    table = tomllib.loads((SCENARIOS / "gyro_turns_by_hand.toml").read_text())
+    scenario = tc.parse_scenario(table)
+    estimates = {
+        f"gyro.bias_{a}": tc.Estimate(np.radians(v), 1e-6, "rad_s")
+        for a, v in zip("xyz", (0.3, -0.2, 0.1), strict=True)
+    }
+    found = tc.Calibration("stated", "good", estimates, 1e-12 * np.eye(3))
+    recording = scenario.simulate(seed=5)
+    assert scenario.check(found, recording).accepted
+    aged = tc.parse_scenario(changed(table, "gyr_bias", "bias_x_deg_s", 0.05)).simulate(seed=6)
+    result = scenario.check(found, aged)
+    assert not result.accepted
+    assert "most likely gyro.bias_x has changed" in result.statement
+
+
+def test_a_limit_of_another_quantity_replaces_no_test():
+    table = tomllib.loads((SCENARIOS / "six_faces_dual.toml").read_text())
+    scenario = tc.parse_scenario(table)
+    found = scenario.calibrate(scenario.simulate(seed=1), "six_position")
+    aged = tc.parse_scenario(changed(table, "acc_scale", "scale_x_ppm", 10000)).simulate(seed=2)
+    assert not scenario.check(found, aged, limit_deg_h=1.0).accepted
+
+
+def test_a_function_that_a_file_names_is_not_run(tmp_path, monkeypatch):
+    (tmp_path / "trap.py").write_text("raise SystemExit('run')\n")
+    monkeypatch.chdir(tmp_path)
+    scenario = tc.load_scenario(SCENARIOS / "gyro_turns_by_hand.toml")
+    estimates = {"gyro.scale_x": tc.Estimate(0.0, 1e-3, "1")}
+    found = tc.Calibration("trap:method", "good", estimates, 1e-6 * np.eye(1))
+    with pytest.raises(tc.TiltcalError, match="need steady turns of a table with a readout"):
+        scenario.check(found, scenario.simulate(seed=1))

@@ -10,7 +10,6 @@ from itertools import pairwise
 import numpy as np
 
 from tiltcal.calibration.correction import thermal_course
-from tiltcal.calibration.methods.gyro_rates import block_means, steady_blocks
 from tiltcal.calibration.validity import SIGNIFICANCE
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
@@ -21,7 +20,6 @@ from tiltcal.effects.sense import Sense
 from tiltcal.effects.sensor.temporal import AccDrift
 from tiltcal.effects.table.geometry import TableLevelling
 from tiltcal.forward.kinematics import closed_form
-from tiltcal.forward.signal_chain import make_sense
 from tiltcal.instrument.model import InstrumentModel
 from tiltcal.instrument.placing import PlacingBias
 from tiltcal.instrument.temperature import ThermalStream
@@ -38,7 +36,6 @@ from tiltcal.statistics.dwell_noise import pooled_noise
 from tiltcal.statistics.noise_spectrum import most_slow_variance
 
 BLOCKS = 400  # of a recording over temperature, at most
-LEAST_TURN = 0.5 * DEG  # rad/s: of a table that turns
 NOTHING = 1e-9  # SI per unit of a parameter: rounding of a pose in which it does not show
 RANK = 1e-9  # singular values below this share of the largest are none
 LINEAR = ("bias", "scale", "cross_axis")
@@ -73,8 +70,10 @@ class Evidence:
             (p, m, k).
         nuisance: what may be in the readings in addition, each with its prior as its size, SI,
             (q, m, k).
+        free: how many of these are fitted: their prior says next to nothing.
         shown: which parameters of the model the readings depend on, (p,).
         spans: beginning and end of each row, s.
+        rows: what a row is, for a sentence.
     """
 
     sensor: Sensor
@@ -86,6 +85,8 @@ class Evidence:
     nuisance: Array
     shown: Mask
     spans: Sequence[tuple[float, float]]
+    free: int = 0
+    rows: str = "dwells"
 
     @cached_property
     def judged(self) -> Mask:
@@ -100,8 +101,8 @@ class Evidence:
         inner = np.eye(X.shape[1]) + X.T @ X
         b = X.T @ r
         chi2 = float(r @ r - b @ np.linalg.solve(inner, b))
-        free = len(self.nuisance)
-        taken = int(np.linalg.matrix_rank(X[:, X.shape[1] - free :])) if free else 0
+        free = X[:, len(self.model) : len(self.model) + self.free]
+        taken = int(np.linalg.matrix_rank(free)) if self.free else 0
         return max(chi2, 0.0), max(len(r) - taken, 0)
 
     def _whitened(self) -> tuple[Array, Array]:
@@ -198,18 +199,7 @@ def evidence_at_rest(
     Raises:
         TiltcalError: no dwell, or no temperature where the model follows it.
     """
-    poses = find_poses(recording, setup, sensor, segments)
-    known = np.asarray(~np.isnan(poses.up).any(axis=1))
-    by_norm = sensor.is_accelerometer and (not known.any() or (own_frame and known.sum() < 3))
-    if by_norm and len(sensor.axes) < 3:
-        raise TiltcalError(
-            recording.source,
-            found=f"no known attitude, and {len(sensor.axes)} axes of {sensor.name}",
-            need="table readout or direction labels, or a triad to judge by the norm",
-            do="label the dwells",
-        )
-    if sensor.is_accelerometer and not by_norm:
-        poses = poses.subset(known)
+    poses, by_norm = _judged_poses(recording, setup, sensor, segments, own_frame)
     rows = _Rows.of(model, sensor, recording, setup, poses)
     sense = rows.sense(model, sensor, setup, by_norm)
     if model.geometry and poses.angles and not by_norm:
@@ -218,11 +208,7 @@ def evidence_at_rest(
     residual = rows.means - model.predict(sensor, sense)
     noise, most = rows.covariances(model, sensor, sense)
     tables = [e for e in model.signal(sensor) if isinstance(e, PlacingBias)]
-    for table in tables:
-        _judge_table(table, sense, residual, noise)
-    if tables:  # of the other channels nothing is stated
-        stated = [table.axis for table in tables]
-        residual[:, [axis not in stated for axis in sensor.axes]] = np.nan
+    _judge_tables(tables, sensor, sense, residual, noise)
     sensitivity = model.sensitivity(sensor, sense)
     shown = np.asarray(np.abs(sensitivity).max(axis=(1, 2)) > NOTHING)
     columns = in_standard_deviations(model, sensitivity)
@@ -235,8 +221,47 @@ def evidence_at_rest(
     kind = "tilt" if sensor.is_accelerometer else "rate"
     if tables:
         kind, nuisance = "table", _unlevelled(model, sensor, recording, setup, rows)
-    found = Evidence(sensor, kind, sense, residual, noise, columns, nuisance, shown, rows.spans)
+    # the Earth's rate has a prior; a rotation of the frame and what a table adds are fitted
+    free = len(nuisance) if sensor.is_accelerometer else 0
+    found = Evidence(
+        sensor,
+        kind,
+        sense,
+        residual,
+        noise,
+        columns,
+        nuisance,
+        shown,
+        rows.spans,
+        free,
+        "dwells" if rows.warm is None else "stretches of the dwells",
+    )
     return found if kind == "table" else found.with_scatter(terms, most)
+
+
+def _judged_poses(
+    recording: Recording,
+    setup: Setup,
+    sensor: Sensor,
+    segments: Sequence[Segment] | None,
+    own_frame: bool,
+) -> tuple[Poses, bool]:
+    """The dwells by which a sensor is judged, and whether by their norm alone.
+
+    Raises:
+        TiltcalError: no attitude is known, and the sensor is no triad.
+    """
+    poses = find_poses(recording, setup, sensor, segments)
+    known = np.asarray(~np.isnan(poses.up).any(axis=1))
+    by_norm = sensor.is_accelerometer and (not known.any() or (own_frame and known.sum() < 3))
+    if by_norm and len(sensor.axes) < 3:
+        raise TiltcalError(
+            recording.source,
+            found=f"no known attitude, and {len(sensor.axes)} axes of {sensor.name}",
+            need="table readout or direction labels, or a triad to judge by the norm",
+            do="label the dwells",
+        )
+    return (poses.subset(known) if sensor.is_accelerometer and not by_norm else poses), by_norm
 
 
 def in_standard_deviations(model: InstrumentModel, columns: Array) -> Array:
@@ -377,14 +402,28 @@ class _Rows:
         return np.asarray(left - left.mean(axis=0))
 
 
-def _judge_table(table: PlacingBias, sense: Sense, residual: Array, noise: Array) -> None:
-    """Leave in the residual what a placing-angle table is judged by: the readings of its axis while
-    that is horizontal; add the table's own uncertainty to the noise.
+def _judge_tables(
+    tables: Sequence[PlacingBias], sensor: Sensor, sense: Sense, residual: Array, noise: Array
+) -> None:
+    """Leave in the residual what placing-angle tables are judged by: the readings of their axes
+    while these are horizontal; add the tables' own uncertainty to the noise.
+
+    Args:
+        tables: of the sensor; nothing is done without any.
+        sensor: which.
+        sense: on each row, (m,).
+        residual: SI, (m, k); changed.
+        noise: SI, (m, k, k); changed.
     """
-    i = sense.axes.index("xyz".index(str(table.axis)))
-    along = sense.force[:, "xyz".index(str(table.axis))]
-    residual[np.abs(along) >= HORIZONTAL * sense.gravity, i] = np.nan
-    noise[:, i, i] += np.nan_to_num(table.sigma(sense)) ** 2
+    if not tables:
+        return
+    for table in tables:
+        axis = "xyz".index(str(table.axis))
+        i = sense.axes.index(axis)
+        residual[np.abs(sense.force[:, axis]) >= HORIZONTAL * sense.gravity, i] = np.nan
+        noise[:, i, i] += np.nan_to_num(table.sigma(sense)) ** 2
+    stated = [table.axis for table in tables]  # of the other channels nothing is stated
+    residual[:, [axis not in stated for axis in sensor.axes]] = np.nan
 
 
 def _nuisance(
@@ -395,8 +434,8 @@ def _nuisance(
     own_frame: bool,
 ) -> Array:
     """What may be in the readings in addition, each at the size of its prior, SI, (q, m, k): an
-    unknown rotation of the sensor's own frame, 1 rad; the Earth's rate where attitudes or latitude
-    are not known.
+    unknown rotation of the sensor's own frame, 1 rad; of a rate sensor the Earth's rate, in each
+    dwell for itself.
     """
     _, M = model.linear(sensor)
     if sensor.is_accelerometer:
@@ -482,106 +521,3 @@ def _by_the_norm(
         shown,
         spans,
     )
-
-
-def evidence_in_turns(
-    model: InstrumentModel, sensor: Sensor, recording: Recording, setup: Setup
-) -> Evidence | None:
-    """Steady turns of a table with a readout against the model of a rate sensor; None where the
-    recording has none.
-
-    Args:
-        model: of the sensor.
-        sensor: a gyro or FOG.
-        recording: of any motion.
-        setup: of the recording.
-    """
-    names = setup.rig.axis_names
-    if not names or any(recording.table(name) is None for name in names):
-        return None
-    read = recording.sensor(sensor)
-    complete = ~np.isnan(read.values).any(axis=1)
-    drive = replay(recording, setup).drive(read.time[complete])
-    speed = np.column_stack([np.asarray(jet.v) for jet in drive.axes.values()])
-    size = max(round(sensor.rate_hz), 2)
-    if np.abs(speed).max() < LEAST_TURN or len(speed) < size:
-        return None
-    used = steady_blocks(drive, speed, size)
-    if not used.any():
-        return None
-    sense = make_sense(sensor, setup, closed_form(setup.seen_by(sensor), drive), drive)
-    sense = _under_temperature(model, sensor, sense, recording, read.rows[complete])
-    left = read.values[complete] - model.predict(sensor, sense)
-    residual = block_means(left, size)[used]
-    columns = np.array([block_means(c, size)[used] for c in model.sensitivity(sensor, sense)])
-    noise, most = _noise_of_blocks(left, residual, used, size)
-    middle = np.flatnonzero(used) * size + size // 2
-    at = sense.rows(middle)
-    unknown = setup.site.latitude_deg is None or setup.site.heading_deg == "unknown"
-    found = Evidence(
-        sensor,
-        "rate",
-        at,
-        residual,
-        noise,
-        in_standard_deviations(model, columns.reshape(-1, *residual.shape)),
-        _earth_rate(sensor, sense, size)[:, used] if unknown else np.zeros((0, *residual.shape)),
-        np.asarray(np.abs(columns).max(axis=(1, 2)) > NOTHING),
-        [(float(t) - 0.5, float(t) + 0.5) for t in at.time],
-    )
-    return found.with_scatter(np.array(list(linear_columns(sensor, at).values())), most)
-
-
-def _under_temperature(
-    model: InstrumentModel, sensor: Sensor, sense: Sense, recording: Recording, rows: Index
-) -> Sense:
-    """What a sensor senses with the temperature as the terms of its model follow it.
-
-    Args:
-        model: of the sensor.
-        sensor: which.
-        sense: at some rows, (n,).
-        recording: that they are of.
-        rows: their numbers, (n,).
-    """
-    terms = model.temperature_terms(sensor)
-    if terms is None:
-        return sense
-    course = thermal_course(recording, ThermalStream(terms))
-    warm = course.level[rows] - (model.reference_degC or 0.0)
-    return replace(sense, temperature=warm, temperature_memory=course.memory[rows])
-
-
-def _noise_of_blocks(left: Array, residual: Array, used: Mask, size: int) -> tuple[Array, Array]:
-    """Covariance of the mean of each block by white noise, SI, (m, k, k), and with as much flicker
-    as the samples allow.
-
-    Args:
-        left: residual of each sample, SI, (n, k).
-        residual: of the blocks that are used, (m, k).
-        used: which blocks, (b,).
-        size: samples of a block.
-    """
-    samples = left[: len(used) * size].reshape(len(used), size, -1)[used]
-    within = [block - mean for block, mean in zip(samples, residual, strict=True)]
-    white, _ = pooled_noise(within)
-    runs = np.cumsum(np.diff(np.flatnonzero(used), prepend=-1) > 1)
-    parts = [samples[runs == k].reshape(-1, samples.shape[2]) for k in np.unique(runs)]
-    counts = np.full(len(samples), float(size))
-    noise = np.tile(white / size, (len(samples), 1, 1))
-    most = noise.copy()
-    for i in range(len(white)):
-        series = [part[:, i] - part[:, i].mean() for part in parts]
-        most[:, i, i] += most_slow_variance(series, counts, len(left))
-    return noise, most
-
-
-def _earth_rate(sensor: Sensor, sense: Sense, size: int) -> Array:
-    """What the Earth's rate along up, North and East adds to means over some samples, rad/s, (3, m,
-    k).
-    """
-    frame = (sense.up, sense.north, np.cross(sense.north, sense.up))
-    axes = (
-        sensor.input_vector[:, None] if sensor.kind == "fog" else np.eye(3)[:, sensor.axis_indices]
-    )
-    return EARTH_RATE * np.array([block_means(v @ axes, size) for v in frame])

@@ -125,6 +125,10 @@ class Calibration(Tabular):
             found[name] = (rms * factor, unit)
         return found
 
+    def of_base(self) -> list[str]:
+        """Its parameters of the base: tilt and azimuth."""
+        return [name for name in self.parameters if name.partition(".")[0] == "base"]
+
     def sensors(self) -> list[str]:
         """Names of the sensors it has parameters for."""
         names = [name.split(".")[0] for name in (*self.parameters, *self.bias_tables)]

@@ -9,7 +9,6 @@ from tiltcal.api.calibrating import judged
 from tiltcal.api.instruments import load_instrument
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
 from tiltcal.cli.output import paragraph, print_json, print_line
-from tiltcal.core.units import ARCSEC, DEG_H
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segment_files import read_segments
@@ -76,8 +75,8 @@ def _print_result(result: Check) -> None:
 
 
 def to_json(result: Check) -> dict[str, object]:
-    """The result with all dwells, in arcseconds, of rate sensors in deg/h."""
-    unit, factor = ("deg_h", DEG_H) if result.judged_by == "rate" else ("arcsec", ARCSEC)
+    """The result with all rows, in the unit of the leading quantity: arcsec of a tilt."""
+    unit, factor = result.unit
     return {
         "accepted": result.accepted,
         "judged_by": result.judged_by,

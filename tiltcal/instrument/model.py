@@ -5,7 +5,7 @@ an ``InstrumentModel``. It predicts what a sensor reads, how that depends on eac
 which input a reading stands for.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,7 +22,6 @@ from tiltcal.setup.sensor import Sensor
 
 ROUNDS = 40  # of an inversion: each reduces the error by the size of the terms beyond the linear
 CONVERGED = 1e-13  # of the size of an input: the rounding of a few sums
-STEP = 1e-6  # of a sigma and more: of a difference quotient where an effect has no column
 
 
 @dataclass(frozen=True)
@@ -127,31 +126,11 @@ class InstrumentModel:
         found = np.zeros((len(self.parameters), len(sense.time), len(sensor.axes)))
         for j, parameter in enumerate(self.parameters):
             effect = self.effects[parameter.effect]
-            if not isinstance(effect, SignalEffect) or effect.sensor != sensor.name:
-                continue
-            if isinstance(effect, TermEffect):
+            if isinstance(effect, TermEffect) and effect.sensor == sensor.name:
                 channel, column = effect.term(parameter.key, sense)
                 if channel >= 0:
                     found[j, :, channel] = column
-            else:
-                found[j] = self._quotient(sensor, sense, j)
         return found
-
-    def _quotient(self, sensor: Sensor, sense: Sense, j: int) -> Array:
-        """Difference quotient of the reading along parameter ``j``, (n, k)."""
-        step = max(float(np.sqrt(self.covariance[j, j])), STEP)
-        ahead = self.moved({j: step}).predict(sensor, sense)
-        return (ahead - self.moved({j: -step}).predict(sensor, sense)) / (2 * step)
-
-    def moved(self, steps: Mapping[int, float]) -> "InstrumentModel":
-        """The model with some parameters changed by these steps, SI."""
-        effects = list(self.effects)
-        for j, step in steps.items():
-            p = self.parameters[j]
-            effect = effects[p.effect]
-            values = {**effect.values, p.key: effect.value(p.key) + step}
-            effects[p.effect] = replace(effect, values=values)
-        return replace(self, effects=tuple(effects))
 
     @cached_property
     def _linear(self) -> dict[str, tuple[Array, Array]]:
@@ -301,8 +280,3 @@ def product(A: Array, v: Array) -> Array:
             total += row[j] * v[:, j]
         found[:, i] = total
     return found
-
-
-def sensors_of(effects: Sequence[Effect]) -> list[str]:
-    """Names of the sensors that effects act on, in order."""
-    return list(dict.fromkeys(e.sensor for e in effects if e.sensor is not None))

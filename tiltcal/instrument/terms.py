@@ -74,7 +74,7 @@ def model_of(
         covariance: in the order and the units of the values, (p, p).
         others: effects in addition, such as placing-angle tables.
     """
-    by_name = {s.name: s for s in sensors}
+    known_sensors = {s.name: s for s in sensors}
     shapes = {n: v for n, (v, _) in values.items() if n.startswith(f"{SHARED}.")}
     groups: dict[Key, dict[str, float]] = {}
     keys: list[tuple[str, Key, str, float]] = []
@@ -86,10 +86,10 @@ def model_of(
         if name in BASE:
             key: Key = (TableLevelling, None)
             parameter = BASE[name]
-        elif owner in by_name and term in (
-            known := terms_of(by_name[owner].kind, by_name[owner].axes)
+        elif owner in known_sensors and term in (
+            terms := terms_of(known_sensors[owner].kind, known_sensors[owner].axes)
         ):
-            effect, parameter = known[term]
+            effect, parameter = terms[term]
             key = (effect, owner)
         else:
             continue

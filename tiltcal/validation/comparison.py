@@ -17,7 +17,6 @@ from tiltcal.core.tabular import Tabular
 from tiltcal.core.units import ARCSEC, DEG, DEG_H
 from tiltcal.effects.sense import Sense
 from tiltcal.instrument.model import InstrumentModel
-from tiltcal.instrument.terms import BASE
 from tiltcal.setup.sensor import Sensor
 
 DIRECTIONS = 400  # over the whole sphere
@@ -212,8 +211,7 @@ def compare(
             found = _of_sensor(calibrations, names, first.named(name), within)
             curves += found[0]
             tests += found[1]
-    base = [n for n in BASE if all(n in c.parameters for c in calibrations)]
-    base += ["base.azimuth"] if all("base.azimuth" in c.parameters for c in calibrations) else []
+    base = [n for n in calibrations[0].of_base() if all(n in c.parameters for c in calibrations)]
     if base:
         found = _of_base(calibrations, names, base)
         curves += found[0]
@@ -345,7 +343,7 @@ def _agreement(d: Array, X: Array, who: str) -> Test:
     beyond = float(np.abs(left).max()) > max(ROUNDING, 1e-6 * size)
     chi2 = float(np.sum((part / s[kept]) ** 2))
     text = f"{who} agree within their uncertainty"
-    if beyond and not (size < ROUNDING):
+    if beyond:
         # one of them has terms without an uncertainty that the other lacks
         chi2 += float(np.sum((left / ROUNDING) ** 2))
     return chi2_test("agreement", chi2, max(int(kept.sum()), 1), text)
@@ -357,20 +355,17 @@ Left = Sequence[tuple[Array, Array]]
 
 def _tilt_curves(sensor: Sensor, g: float, at: Array, left: Left) -> list[Curve]:
     """Tilt and, of a triad, norm over the directions."""
+
+    def curve(
+        quantity: str, unit: str, size: float, difference: list[Array], sigma: list[Array]
+    ) -> Curve:
+        d, s = np.array(difference) / size, np.array(sigma) / size
+        return Curve(sensor.name, quantity, "direction", unit, at, d, s)
+
     if len(sensor.axes) < 3:
-        difference = [np.sqrt((d**2).sum(axis=1)) / g / ARCSEC for d, _ in left]
-        sigma = [np.sqrt((X**2).sum(axis=(0, 2))) / g / ARCSEC for _, X in left]
-        return [
-            Curve(
-                sensor.name,
-                "tilt",
-                "direction",
-                "arcsec",
-                at,
-                np.array(difference),
-                np.array(sigma),
-            )
-        ]
+        difference = [np.sqrt((d**2).sum(axis=1)) / g for d, _ in left]
+        sigma = [np.sqrt((X**2).sum(axis=(0, 2))) / g for _, X in left]
+        return [curve("tilt", "arcsec", ARCSEC, difference, sigma)]
     across = np.eye(3) - at[:, :, None] * at[:, None, :]
     tilt = [np.linalg.norm(np.einsum("nij,nj->ni", across, d), axis=1) / g for d, _ in left]
     tilts = [
@@ -379,18 +374,8 @@ def _tilt_curves(sensor: Sensor, g: float, at: Array, left: Left) -> list[Curve]
     norm = [np.einsum("ni,ni->n", at, d) / g for d, _ in left]
     norms = [np.sqrt((np.einsum("ni,pni->pn", at, X) ** 2).sum(axis=0)) / g for _, X in left]
     return [
-        Curve(
-            sensor.name,
-            "tilt",
-            "direction",
-            "arcsec",
-            at,
-            np.array(tilt) / ARCSEC,
-            np.array(tilts) / ARCSEC,
-        ),
-        Curve(
-            sensor.name, "norm", "direction", "ppm", at, np.array(norm) * 1e6, np.array(norms) * 1e6
-        ),
+        curve("tilt", "arcsec", ARCSEC, tilt, tilts),
+        curve("norm", "ppm", 1e-6, norm, norms),
     ]
 
 

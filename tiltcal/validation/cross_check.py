@@ -5,19 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.calibration.evidence import (
-    Evidence,
-    evidence_at_rest,
-    evidence_in_turns,
-    linear_columns,
-)
+from tiltcal.calibration.evidence import Evidence, evidence_at_rest, linear_columns
 from tiltcal.calibration.result import Calibration, Estimate
+from tiltcal.calibration.turning_evidence import evidence_in_turns
 from tiltcal.calibration.validity import SIGNIFICANCE, Test, chi2_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.tabular import Tabular
 from tiltcal.core.units import ARCSEC, DEG_H, G0
-from tiltcal.instrument.terms import BASE
+from tiltcal.instrument.terms import BASE, si_factor
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.setup.sensor import Sensor
@@ -62,11 +58,6 @@ class Limits:
         stated = ((arcsec, ARCSEC), (ug, 1e-6 * G0), (ppm, 1e-6), (deg_h, DEG_H))
         return cls(*(None if value is None else value * unit for value, unit in stated))
 
-    @property
-    def stated(self) -> bool:
-        """Whether there is any."""
-        return any(limit is not None for limit in vars(self).values())
-
 
 @dataclass(frozen=True)
 class Quantity:
@@ -102,11 +93,11 @@ class Check(Tabular):
     Args:
         accepted: within all limits, or without one within its own uncertainty.
         judged_by: what the first sensor is judged by: ``tilt`` against known attitudes, ``norm``
-            where they are not known, ``table`` for placing-angle tables, ``rate``, or ``base`` for
-            a base tilt that is measured again.
-        rms, worst: error over the dwells, rad; of a rate sensor rad/s.
+            where they are not known, ``table`` for placing-angle tables, ``rate``; or, measured
+            again, ``base`` with a base tilt or azimuth, else ``parameters``.
+        rms, worst: error over the rows in the leading quantity, SI.
         expected: rms error that noise and the calibration's covariance predict.
-        poses: error of each dwell, (m,).
+        poses: error of each row, SI, (m,).
         tests: statistical ones, one for each sensor.
         statement: as text.
         quantities: all that the recording shows.
@@ -125,10 +116,15 @@ class Check(Tabular):
     quantities: Sequence[Quantity] = ()
     not_shown: Sequence[str] = ()
 
+    @property
+    def unit(self) -> tuple[str, float]:
+        """Unit in which the errors are shown, that of the leading quantity, and its size in SI."""
+        unit = self.quantities[0].unit if self.quantities else "arcsec"
+        return unit, si_factor(unit) or 1.0
+
     def as_columns(self) -> Mapping[str, Sequence[float]]:
-        """Beginning, end and error of each dwell."""
-        unit = "deg_h" if self.judged_by == "rate" else "arcsec"
-        factor = DEG_H if self.judged_by == "rate" else ARCSEC
+        """Beginning, end and error of each row."""
+        unit, factor = self.unit
         return {
             "start_s": [a for a, _ in self.spans],
             "end_s": [b for _, b in self.spans],
@@ -166,7 +162,7 @@ def check(
     """
     limits = limits or Limits()
     found: list[_Judged] = []
-    more = any(name in BASE for name in calibration.parameters)
+    more = bool(calibration.of_base())
     if not more and not calibration.sensors():
         raise TiltcalError(
             f"calibration by {calibration.method}",
@@ -181,7 +177,7 @@ def check(
         found += [judged] if judged else []
     if more:
         found = [_measured_again(calibration, recording, setup, limits, segments)]
-    return _answer(found, limits)
+    return _answer(found)
 
 
 def _has_scale(calibration: Calibration, sensor: Sensor) -> bool:
@@ -204,6 +200,7 @@ class _Judged:
         change: the likeliest change, as text; empty where the test passes.
         hidden: parameters that the rows do not depend on.
         note: what else should be known, as text.
+        over: of which rows, for a sentence.
     """
 
     kind: str
@@ -214,6 +211,7 @@ class _Judged:
     change: str = ""
     hidden: Sequence[str] = ()
     note: str = ""
+    over: str = ""
 
 
 def _judged(
@@ -246,7 +244,7 @@ def _judged(
             do="record dwells on the table it was made on, at angles inside it",
         )
     chi2, dof = evidence.chi2()
-    text = f"errors against noise and covariance over {len(evidence.spans)} dwells"
+    text = f"errors against noise and covariance over {len(evidence.spans)} {evidence.rows}"
     test = chi2_test(AGREES, chi2, dof, text)
     change = "" if test.passed else _change(calibration, sensor, evidence)
     errors, quantities = _quantities(evidence, limits)
@@ -260,6 +258,7 @@ def _judged(
         change,
         hidden,
         _unknown_sign(sensor, evidence),
+        f" over {len(errors)} {evidence.rows}",
     )
 
 
@@ -286,9 +285,12 @@ def _change(calibration: Calibration, sensor: Sensor, evidence: Evidence) -> str
         return ""
     columns = linear_columns(sensor, evidence.sense)
     name, size, sigma = evidence.likeliest_change(columns)
+    if not name:
+        return ""
     own = "m_s2" if sensor.is_accelerometer else "rad_s"
     factor, unit = calibration.shown_in(name, own if ".bias_" in name else "1")
-    return f"most like {name} changed by {size * factor:.4g} +- {sigma * factor:.2g} {unit}"
+    size, sigma = size * factor, sigma * factor
+    return f"most likely {name} has changed, by {size:.4g} +- {sigma:.2g} {unit}"
 
 
 def _quantities(evidence: Evidence, limits: Limits) -> tuple[Array, list[Quantity]]:
@@ -382,18 +384,27 @@ def _quantity(
     return Quantity(sensor, quantity, unit, rms / factor, worst, expected / factor, shown)
 
 
-def _measured_again(
+def _again(
     calibration: Calibration,
     recording: Recording,
     setup: Setup,
-    limits: Limits,
     segments: Sequence[Segment] | None,
-) -> _Judged:
-    """Judged by the same method on this recording: the parameters of both, as far as both have
-    them.
-    """
-    from tiltcal.calibration.methods.registry import calibrate
+) -> tuple[Calibration, list[str]]:
+    """The same method on this recording, and the parameters that both have.
 
+    Raises:
+        TiltcalError: the method is not built in, or gives none of the parameters.
+    """
+    from tiltcal.calibration.methods.registry import METHODS, calibrate
+
+    # a file may name any function: only what is built in is run
+    if calibration.method not in METHODS:
+        raise TiltcalError(
+            recording.source,
+            found=f"nothing that shows what the calibration by {calibration.method} states",
+            need="steady turns of a table with a readout, or a built-in method to measure again",
+            do="record turns about every axis on a table",
+        )
     options = calibration.provenance.get("options", {})
     again = calibrate(calibration.method, recording, setup, segments=segments, **options)
     names = [n for n in calibration.parameters if n in again.parameters]
@@ -404,6 +415,20 @@ def _measured_again(
             need="a recording that shows what the calibration states",
             do="record the sequence of the method",
         )
+    return again, names
+
+
+def _measured_again(
+    calibration: Calibration,
+    recording: Recording,
+    setup: Setup,
+    limits: Limits,
+    segments: Sequence[Segment] | None,
+) -> _Judged:
+    """Judged by the same method on this recording: the parameters of both, as far as both have
+    them.
+    """
+    again, names = _again(calibration, recording, setup, segments)
     rows, others = ([list(c.parameters).index(n) for n in names] for c in (calibration, again))
     difference = np.array([again.value(n) - calibration.value(n) for n in names])
     turns = np.array([calibration.parameters[n].unit == "rad" for n in names])
@@ -418,20 +443,17 @@ def _measured_again(
         for name, d, s in zip(names, difference.tolist(), sigmas.tolist(), strict=True)
     ]
     tilts = [k for k, n in enumerate(names) if n in BASE]
-    kind = "base" if tilts else "rate"
     if tilts:
         error, expected = (float(np.hypot(*v[tilts])) for v in (difference, sigmas))
-        quantities.insert(
-            0,
-            _quantity("base", "tilt", "arcsec", ARCSEC, np.array([error]), expected, limits.tilt),
-        )
+        tilt = _quantity("base", "tilt", "arcsec", ARCSEC, np.array([error]), expected, limits.tilt)
+        quantities.insert(0, tilt)
     worst = int(np.argmax(np.abs(difference) / np.maximum(sigmas, 1e-300)))
     change = "" if test.passed else f"{names[worst]} differs most"
     spans = [(float(recording.time[0]), float(recording.time[-1]))]
-    errors = np.array([np.abs(difference[tilts]).max() if tilts else 0.0])
-    if tilts:
-        errors = np.array([float(np.hypot(*difference[tilts]))])
-    return _Judged(kind, quantities, errors, spans, test, change)
+    leading = quantities[0]
+    errors = np.array([leading.rms * (si_factor(leading.unit) or 1.0)])
+    kind = "base" if calibration.of_base() else "parameters"
+    return _Judged(kind, quantities, errors, spans, test, change, over=" measured again")
 
 
 def _parameter(
@@ -460,20 +482,24 @@ NAMED = {
     "base": "difference of the base tilt",
     "table": "error of a horizontal axis",
     "rate": "error of the rate",
+    "parameters": "difference of the first parameter",
 }
 
 
-def _answer(found: Sequence[_Judged], limits: Limits) -> Check:
+def _answer(found: Sequence[_Judged]) -> Check:
     first = found[0]
     # each of several tests takes its share of the false alarms
     tests = [
         replace(j.test, passed=bool(j.test.p_value > SIGNIFICANCE / len(found))) for j in found
     ]
     quantities = [q for j in found for q in j.quantities]
-    kept = all(q.kept for q in quantities)
-    accepted = kept if limits.stated else all(t.passed for t in tests)
+    # a limit replaces the test of a sensor only where it limits one of its quantities
+    accepted = all(
+        all(q.kept for q in j.quantities) and (t.passed or _is_limited(j))
+        for j, t in zip(found, tests, strict=True)
+    )
     leading = first.quantities[0]
-    factor = {"arcsec": ARCSEC, "deg_h": DEG_H, "ug": 1e-6 * G0}.get(leading.unit, 1.0)
+    factor = si_factor(leading.unit) or 1.0
     return Check(
         accepted,
         first.kind,
@@ -483,22 +509,26 @@ def _answer(found: Sequence[_Judged], limits: Limits) -> Check:
         first.errors,
         first.spans,
         tests,
-        _statement(found, limits, accepted),
+        _statement(found, accepted),
         quantities,
         [name for j in found for name in j.hidden],
     )
 
 
-def _statement(found: Sequence[_Judged], limits: Limits, accepted: bool) -> str:
+def _is_limited(judged: _Judged) -> bool:
+    return any(q.limit is not None for q in judged.quantities)
+
+
+def _statement(found: Sequence[_Judged], accepted: bool) -> str:
     parts = []
     for judged in found:
         q = judged.quantities[0]
         several = f" of {q.sensor}" if len(found) > 1 else ""
         text = (
-            f"{NAMED[judged.kind]}{several} over {len(judged.errors)} dwells: {q.rms:.4g}"
-            f" {q.unit} rms, {q.worst:.4g} worst; "
+            f"{NAMED[judged.kind]}{several}{judged.over}: {q.rms:.4g} {q.unit} rms,"
+            f" {q.worst:.4g} worst; "
         )
-        if limits.stated:
+        if _is_limited(judged):
             text += _against_limits(judged)
         else:
             side = "within" if judged.test.p_value > SIGNIFICANCE / len(found) else "beyond"
@@ -516,8 +546,6 @@ def _statement(found: Sequence[_Judged], limits: Limits, accepted: bool) -> str:
 def _against_limits(judged: _Judged) -> str:
     limited = [q for q in judged.quantities if q.limit is not None]
     beyond = [q for q in limited if not q.kept]
-    if not limited:
-        return "no limit is stated for it"
     if beyond:
         listed = [f"{q.quantity} {q.rms:.4g} of {q.limit:.4g} {q.unit}" for q in beyond]
         return "beyond the limit: " + ", ".join(listed)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from tiltcal.calibration.correction import temperature_terms
-from tiltcal.calibration.firmware.log_units import LogUnit, log_unit
+from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, triad_with
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
@@ -177,16 +177,9 @@ def _force_terms(
     G = model.follows_force(sensor)
     if G is None:
         return None
-    triads = [s for s in setup.sensors("accelerometer") if len(s.axes) == 3]
-    if not triads:
-        raise TiltcalError(
-            f"sensor {sensor.name}",
-            found="g-sensitivity, and no accelerometer triad in the set-up",
-            need="the force that it follows",
-            do="calibrate without gsens",
-        )
-    of_force = log_unit(triads[0], log)
-    return ForceTerms(triads[0], of_force, G * of_force.factor / unit.factor)
+    triad = triad_with(sensor, setup)
+    of_force = log_unit(triad, log)
+    return ForceTerms(triad, of_force, G * of_force.factor / unit.factor)
 
 
 def over_range(coefficients: Array, terms: LinearTerms) -> Array:

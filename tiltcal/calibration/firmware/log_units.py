@@ -87,3 +87,20 @@ def _columns(log: Recording, sensor: Sensor) -> Sequence[str]:
     if None in names:
         log.sensor(sensor)  # says what is missing
     return [str(name) for name in names]
+
+
+def triad_with(sensor: Sensor, setup: Setup) -> Sensor:
+    """The accelerometer triad whose force a rate sensor follows.
+
+    Raises:
+        TiltcalError: the set-up has none.
+    """
+    triads = [s for s in setup.sensors("accelerometer") if len(s.axes) == 3]
+    if not triads:
+        raise TiltcalError(
+            f"sensor {sensor.name}",
+            found="g-sensitivity, and no accelerometer triad in the set-up",
+            need="the force that it follows",
+            do="calibrate without gsens",
+        )
+    return triads[0]

@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.calibration.correction import temperature_terms
 from tiltcal.calibration.firmware.linear_export import row_of
-from tiltcal.calibration.firmware.log_units import log_unit
+from tiltcal.calibration.firmware.log_units import log_unit, triad_with
 from tiltcal.calibration.firmware.traced import Program, Traced, TracedRows, traced_sense
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
@@ -114,17 +114,10 @@ def _force(
     """
     if model.follows_force(sensor) is None:
         return None
-    triads = [s for s in setup.sensors("accelerometer") if len(s.axes) == 3]
-    if not triads:
-        raise TiltcalError(
-            f"sensor {sensor.name}",
-            found="g-sensitivity, and no accelerometer triad in the set-up",
-            need="the force that it follows",
-            do="calibrate without gsens",
-        )
-    unit = log_unit(triads[0], log)
+    triad = triad_with(sensor, setup)
+    unit = log_unit(triad, log)
     return {
-        "name": triads[0].name,
+        "name": triad.name,
         "unit": unit.written,
         "zero": row_of(unit.zero),
         "factor": repr(float(unit.factor)),

@@ -158,7 +158,7 @@ def calibrate(
             )
         require_finite(result, recording.source)
     if ours:
-        result = determined(result, bare)
+        result = judge_determination(result, bare)
     found = _stated(result if ours else in_our_units(result, bare), bare, recording)
     stated = {k: v for k, v in options.items() if k != "segments" and v is not None}
     return replace(
@@ -166,7 +166,7 @@ def calibrate(
     )
 
 
-def determined(result: Calibration, setup: Setup) -> Calibration:
+def judge_determination(result: Calibration, setup: Setup) -> Calibration:
     """The calibration, with the verdict ``cannot_tell`` where a parameter is no better known than
     without the recording: its sigma exceeds the largest size of an instrument of its kind.
     """

@@ -15,7 +15,7 @@ import tiltcal as tc
 from tiltcal.calibration.correction import corrected_columns
 from tiltcal.calibration.methods import gyro_turns
 from tiltcal.calibration.methods.gyro_model import TERMS, EarthRate, StaticRates, parameter_names
-from tiltcal.calibration.methods.gyro_turns import Turns, solve
+from tiltcal.calibration.methods.gyro_turns_model import Turns, solve
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.core.assets import folder

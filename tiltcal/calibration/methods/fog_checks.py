@@ -19,12 +19,20 @@ from tiltcal.calibration.methods.fog_filter import (
     patent_problem,
     smoothed,
 )
+from tiltcal.calibration.screen.causes import (
+    Misfit,
+    cause_test,
+    lacking_terms,
+    part_words,
+)
 from tiltcal.calibration.screen.columns import column_orders, columns_in_words, columns_test
 from tiltcal.calibration.validity import SIGNIFICANCE, Test, chi2_test, threshold_test
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.frames import AXES
-from tiltcal.core.units import DEG, DEG_H
+from tiltcal.core.units import DEG, DEG_H, G0
+from tiltcal.effects.sense import Sense
 from tiltcal.recordings.segmentation import Segment
+from tiltcal.setup.sensor import Sensor
 
 NAME = "axis of the FOG"
 # rad: of a direction by an accelerometer that is not calibrated: 5 mg of bias, scale and axes
@@ -119,10 +127,24 @@ LEAST_COMPONENT = 0.05  # of the FOG's axis along a gyro axis whose scale factor
 IMPLAUSIBLE = 0.2  # scale error that is due to wrong columns, signs or units, not to the gyro
 
 
-def log_tests(log: FieldLog, problem: Problem, state: Filtered) -> list[Test]:
-    """The tests of a log by itself: filter, turns, first rest, scale, latency, columns."""
-    tests = [
-        *filter_tests(log, state, batch(problem)),
+def log_tests(
+    log: FieldLog, problem: Problem, state: Filtered, gyro: Sensor, source: str
+) -> list[Test]:
+    """The tests of a log by itself: filter, cause of a misfit, turns, first rest, scale, latency,
+    columns.
+
+    Args:
+        log: of gyro and FOG.
+        problem, state: of the filter.
+        gyro: the triad.
+        source: of the recording.
+    """
+    twin = batch(problem)
+    tests = filter_tests(log, state, twin)
+    if not tests[0].passed:
+        found = misfit_of_log(log, problem, twin, gyro).explanations()
+        tests.append(cause_test(found, source))
+    tests += [
         *turn_tests(log),
         rest_test(log),
         scale_test(log, state),
@@ -151,6 +173,48 @@ def filter_tests(log: FieldLog, state: Filtered, twin: Filtered) -> list[Test]:
         Test("fit", state.chi2, dof, p, p > SIGNIFICANCE, words),
         threshold_test("filter and batch", worst, worst < 0.01, agree),
     ]
+
+
+def misfit_of_log(log: FieldLog, problem: Problem, twin: Filtered, gyro: Sensor) -> Misfit:
+    """What the scale factors leave of the difference of gyro and FOG.
+
+    Args:
+        log: of both.
+        problem: of the filter.
+        twin: the batch solution.
+        gyro: the triad.
+    """
+    weight = 1 / np.sqrt(problem.R)[:, None]
+    force = np.zeros_like(log.turned) if log.force is None else log.force * G0
+    rate = log.turned / (1 + twin.scale)
+    sense = replace(
+        Sense.at_rest(gyro, G0, force),
+        time=log.time,
+        elapsed=log.time - log.time[0],
+        rate=rate,
+    )
+    late = np.zeros((1, 1, len(log.time), 4))
+    late[0, 0, :, 3] = np.gradient(log.fog, log.time)
+    part = np.cumsum(np.diff(log.rest, prepend=log.rest[0]) != 0, dtype=np.intp)
+    within = [np.flatnonzero(part == k) for k in range(part[-1] + 1)]
+    variance = log.variance[:, None] * np.ones(4)
+    return Misfit(
+        [*(f"{gyro.name}_{a}" for a in AXES), "the FOG"],
+        log.time,
+        np.column_stack([log.rate, log.fog]),
+        np.column_stack([rate, rate @ log.axis]),
+        np.sqrt(variance),
+        part,
+        [
+            part_words("turn" if log.rest[rows[0]] < 0 else "standstill", *log.time[rows[[0, -1]]])
+            for rows in within
+        ],
+        weight[:, 0] * (problem.z - problem.H @ twin.x),
+        weight * problem.H,
+        lambda errors: weight * (errors @ np.append(log.axis, -1.0)).T,
+        {"latency of gyro or FOG": late, **lacking_terms(gyro, sense, 4)},
+        freedom=log.freedom,
+    )
 
 
 def turn_tests(log: FieldLog) -> list[Test]:

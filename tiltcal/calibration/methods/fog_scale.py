@@ -150,7 +150,7 @@ def fog_scale(
     problem = augmented_problem(log, walk)
     state = kalman(problem)
     tests = [
-        *log_tests(log, problem, state),
+        *log_tests(log, problem, state, gyro, recording.source),
         still_test(rests_with_motion(recording, setup, reference, rests)),
         unit_test(gyro, 1 + state.scale, recording.sensor(gyro).units[0]),
         *live,

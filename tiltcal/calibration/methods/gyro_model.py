@@ -1,6 +1,7 @@
 """The model of a gyro triad: ``reading = b + (I + S + C) w + G f``, and its static readings."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,6 +124,12 @@ class StaticRates:
     def __init__(self, rests: Poses, force: Array, earth: EarthRate) -> None:
         self.means, self.force, self.earth = rests.means, force / G0, earth
         self.whiten = whitening_of_means(rests)
+
+    def moved(self, errors: Array) -> "StaticRates":
+        """With these errors added to the means, rad/s, (m, 3)."""
+        other = copy(self)
+        other.means = self.means + errors
+        return other
 
     def residual(self, model: GyroModel) -> Array:
         """Whitened, (3 m,)."""

@@ -17,14 +17,15 @@ from tiltcal.calibration.methods.common import (
 )
 from tiltcal.calibration.methods.terms import columns_under
 from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.screen.causes import Misfit, cause_test, lacking_terms, part_words
 from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.calibration.screen.columns import order_test, unit_test
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.frames import AXES
 from tiltcal.core.numerical import undetermined
 from tiltcal.core.units import DEG
+from tiltcal.effects.sense import Sense
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import make_sense
 from tiltcal.recordings.recording import Recording
@@ -41,6 +42,8 @@ BLOCK = 0.5  # s: the shortest time in which the table's readout resolves a rate
 STEADY = 0.02  # of the highest rate: the rate of a steady block changes by less
 LEAST_RATE = 1 * DEG
 FOLDS = 8
+DELAY = "the readings lag or lead the readout of the table"
+DELAYS = 12  # that are tried, each way
 UNCERTAIN = 0.01  # standard uncertainty of a scale factor whose axis counts as not turned
 
 
@@ -93,10 +96,7 @@ def gyro_rates(
     if fit.dropped:
         used = np.ones(len(used), bool)
         fit = blocks.fit(used)
-    tests = [_fit_test(fit, used), *_turn_tests(blocks, used, gyro.name), *live]
-    if len(gyro.axes) == 3:
-        M = fitted_sensitivity(fit, gyro.name)
-        tests += [order_test(M), unit_test(gyro, np.diag(M), recording.sensor(gyro).units[0])]
+    tests = [*_tests(blocks, used, fit, recording), *live]
     uncertain = [
         n.split(".")[1]
         for n, s in zip(fit.names, fit.sigmas, strict=True)
@@ -118,6 +118,19 @@ def gyro_rates(
     return with_equation(result, gyro, setup)
 
 
+def _tests(blocks: "Blocks", used: Mask, fit: Fit, recording: Recording) -> list[Test]:
+    """Of the fit, with the cause of a misfit, of the turns, and of the columns of a triad."""
+    gyro = blocks.gyro
+    tests = [_fit_test(fit, used)]
+    if not tests[0].passed:
+        tests.append(cause_test(blocks.misfit(used, fit).explanations(), recording.source))
+    tests += _turn_tests(blocks, used)
+    if len(gyro.axes) == 3:
+        M = fitted_sensitivity(fit, gyro.name)
+        tests += [order_test(M), unit_test(gyro, np.diag(M), recording.sensor(gyro).units[0])]
+    return tests
+
+
 @dataclass(frozen=True)
 class Blocks:
     """Means over short blocks, and what the model says of them.
@@ -128,6 +141,9 @@ class Blocks:
         target: mean reading less the true rate, rad/s, (b, k).
         whiten: of a block's mean, (k, k).
         steady: blocks of a constant rate whose readout is complete, (b,).
+        size: samples of a block.
+        gyro: that was read.
+        sense: what it senses at every sample.
     """
 
     names: Sequence[str]
@@ -135,6 +151,50 @@ class Blocks:
     target: Array
     whiten: Array
     steady: Mask
+    size: int
+    gyro: Sensor
+    sense: Sense
+
+    def misfit(self, used: Mask, fit: Fit) -> Misfit:
+        """What a fit over some of the blocks leaves. used: (blocks,)."""
+        rows = np.flatnonzero(used)
+        time, inputs = (
+            block_means(values, self.size)[rows]
+            for values in (self.sense.time[:, None], self.sense.true_input())
+        )
+        part = np.cumsum(np.diff(rows, prepend=rows[0]) > 1, dtype=np.intp)
+        ends = [time[part == k, 0][[0, -1]] for k in range(part[-1] + 1)]
+        sigma = np.sqrt(np.diag(np.linalg.inv(self.whiten.T @ self.whiten)))
+        lacking = {DELAY: self._delayed(), **lacking_terms(self.gyro, self.sense)}
+        return Misfit(
+            [f"{self.gyro.name}_{a}" for a in self.gyro.axes],
+            time[:, 0],
+            self.target[rows] + inputs,
+            inputs,
+            np.broadcast_to(sigma, inputs.shape),
+            part,
+            [part_words("steady stretch", a - BLOCK / 2, b + BLOCK / 2) for a, b in ends],
+            fit.residuals,
+            whitened(self.columns[:, used], self.whiten),
+            lambda errors: (errors @ self.whiten.T).reshape(len(errors), -1).T,
+            {
+                words: np.array(
+                    [[block_means(c, self.size)[rows] for c in course] for course in courses]
+                )
+                for words, courses in lacking.items()
+            },
+        )
+
+    def _delayed(self) -> Array:
+        """Errors of readings that lag or lead the readout by up to a block, (c, 1, n, k)."""
+        time, true = self.sense.time, self.sense.true_input()
+        step = float(np.median(np.diff(time)))
+        found = []
+        for delay in np.geomspace(step, self.size * step, DELAYS):
+            for late in (delay, -delay):
+                read = [np.interp(time - late, time, column) for column in true.T]
+                found.append([np.column_stack(read) - true])
+        return np.array(found)
 
     def fit(self, used: Mask) -> Fit:
         """Least squares over some of the blocks. used: (blocks,)."""
@@ -153,10 +213,14 @@ class Blocks:
         return leave_out_rms(left)
 
 
+def whitened(columns: Array, whiten: Array) -> Array:
+    """Columns (p, b, k) in units of the noise, (b k, p). whiten: (k, k)."""
+    return np.einsum("ij,pbj->bip", whiten, columns).reshape(-1, len(columns))
+
+
 def fit_blocks(names: Sequence[str], columns: Array, target: Array, whiten: Array) -> Fit:
     """Least squares over blocks and channels. columns: (p, b, k); target: (b, k)."""
-    A = np.einsum("ij,pbj->bip", whiten, columns).reshape(-1, len(names))
-    return linear_fit(names, A, (target @ whiten.T).ravel())
+    return linear_fit(names, whitened(columns, whiten), (target @ whiten.T).ravel())
 
 
 def _blocks(
@@ -181,6 +245,9 @@ def _blocks(
         block_means(error, size),
         whitening(poses.noise * poses.inflation / float(size)),
         steady_blocks(drive, speed, size),
+        size,
+        gyro,
+        sense,
     )
     return blocks, dict(zip(names, units, strict=True))
 
@@ -237,11 +304,11 @@ def _fit_test(fit: Fit, used: Mask) -> Test:
     return chi2_test("fit", fit.chi2, fit.dof, words)
 
 
-def _turn_tests(blocks: Blocks, used: Mask, gyro: str) -> list[Test]:
+def _turn_tests(blocks: Blocks, used: Mask) -> list[Test]:
     """Was the gyro turned about each axis in both directions?"""
     tests = []
-    for i, axis in enumerate(AXES):
-        name = f"{gyro}.scale_{axis}"
+    for i, axis in enumerate(blocks.gyro.axes):
+        name = f"{blocks.gyro.name}.scale_{axis}"
         if name not in blocks.names:
             continue
         rates = blocks.columns[list(blocks.names).index(name), used, i]

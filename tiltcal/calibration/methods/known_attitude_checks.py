@@ -9,8 +9,9 @@ from itertools import combinations
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import fitted_sensitivity
-from tiltcal.calibration.methods.known_attitude_model import DRIFT, Model, solve
+from tiltcal.calibration.methods.common import fitted_sensitivity, whitening_of_means
+from tiltcal.calibration.methods.known_attitude_model import DRIFT, Model, design_of, solve
+from tiltcal.calibration.screen.causes import Misfit, at_poses, cause_test
 from tiltcal.calibration.screen.columns import (
     column_orders,
     columns_in_words,
@@ -18,11 +19,12 @@ from tiltcal.calibration.screen.columns import (
     unit_test,
 )
 from tiltcal.calibration.screen.drift import slope_test
-from tiltcal.calibration.screen.explanations import Explanation, explanation, in_words
+from tiltcal.calibration.screen.explanations import Explanation, explanation
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import AXES, angle_between
 from tiltcal.core.units import ARCSEC, DEG
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import Poses, group_directions
 from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.least_squares import Fit
@@ -45,20 +47,35 @@ def is_plausible(M: Array) -> bool:
     return bool(np.abs(M / gain(M) - np.eye(3)).max() < PLAUSIBLE)
 
 
-def causes(poses: Poses, model: Model, fit: Fit) -> list[Explanation]:
-    """Every single cause that was tried: attitudes, columns, drift, second order.
+def causes(poses: Poses, model: Model, fit: Fit, recording: Recording) -> list[Explanation]:
+    """Every single cause that was tried: attitudes and columns, and those that all methods try.
 
-    Those that leave an implausible sensitivity are left out.
+    Attitudes and columns that leave an implausible sensitivity are left out.
     """
-    tried = [*_attitudes(poses, model, fit), *_columns(poses, model), *_terms(poses, model)]
-    return [e for e, part in tried if is_plausible(fitted_sensitivity(part, poses.sensor.name))]
+    tried = [*_attitudes(poses, model), *_columns(poses, model)]
+    sensor = poses.sensor.name
+    found = [e for e, part in tried if is_plausible(fitted_sensitivity(part, sensor))]
+    return [*found, *misfit_of_poses(poses, model, fit, recording).explanations()]
 
 
-def _attitudes(poses: Poses, model: Model, fit: Fit) -> Iterator[tuple[Explanation, Fit]]:
-    """Two dwells exchanged; one dwell at another face; one dwell off its attitude."""
+def misfit_of_poses(poses: Poses, model: Model, fit: Fit, recording: Recording) -> Misfit:
+    """What a fit of poses of known attitude leaves. recording: that the poses are of."""
+    whiten, gravity = whitening_of_means(poses), model.setup.site.gravity
+    return at_poses(
+        poses,
+        recording,
+        gravity,
+        gravity * poses.up,
+        fit.residuals,
+        design_of(poses, model)[2],
+        lambda errors: np.einsum("mij,qmj->miq", whiten, errors).reshape(-1, len(errors)),
+    )
+
+
+def _attitudes(poses: Poses, model: Model) -> Iterator[tuple[Explanation, Fit]]:
+    """Two dwells exchanged; one dwell at another face."""
     suspects = _suspects(poses, model)
     pairs = list(combinations(suspects, 2))
-    n = len(fit.residuals)
     for i, j in pairs:
         if angle_between(poses.up[i], poses.up[j]) > OTHER:
             up = poses.up.copy()
@@ -76,10 +93,6 @@ def _attitudes(poses: Poses, model: Model, fit: Fit) -> Iterator[tuple[Explanati
             part, _ = solve(replace(poses, up=up), model)
             words = f"the dwell at {span.start_s:.6g} s is stated {stated} but reads {face}"
             yield explanation(words, part, len(poses) * len(others)), part
-        rest = np.arange(len(poses)) != k
-        part, _ = solve(poses.subset(rest), model)
-        words = f"the dwell at {span.start_s:.6g} s is off its stated attitude ({stated})"
-        yield explanation(words, part, len(poses), readings=n), part
 
 
 def _suspects(poses: Poses, model: Model) -> list[int]:
@@ -109,29 +122,16 @@ def _columns(poses: Poses, model: Model) -> Iterator[tuple[Explanation, Fit]]:
         yield explanation(words, part, 47), part
 
 
-def _terms(poses: Poses, model: Model) -> Iterator[tuple[Explanation, Fit]]:
-    """Terms that the model lacks."""
-    further = {
-        DRIFT: "the bias drifts over the recording (--option terms with drift fits it)",
-        "K2": "a quadratic term K2",
-        "K3": "a cubic term K3",
-    }
-    for term, words in further.items():
-        if term not in model.terms:
-            part, _ = solve(poses, replace(model, terms=[*model.terms, term]))
-            if not part.dropped:
-                yield explanation(words, part), part
-
-
-def known_attitude_tests(poses: Poses, model: Model, fit: Fit, unit: str) -> list[Test]:
+def known_attitude_tests(poses: Poses, model: Model, fit: Fit, recording: Recording) -> list[Test]:
     """Consistency of the poses with its most probable cause, second order, drift; for a triad
     unit, columns and faces.
 
     Args:
         poses: of known attitude.
         model, fit: of their means.
-        unit: of the sensor's columns.
+        recording: that the poses are of.
     """
+    unit = recording.sensor(poses.sensor).units[0]
     words = f"residuals of {fit.dof} redundant equations against the noise of the means"
     tests = [chi2_test("fit", fit.chi2, fit.dof, words), *_second_order(poses, model, fit)]
     if DRIFT not in model.terms:
@@ -143,9 +143,7 @@ def known_attitude_tests(poses: Poses, model: Model, fit: Fit, unit: str) -> lis
     if linear:
         tests += [unit_test(poses.sensor, np.diag(M), unit), _order_test(M)]
     if not tests[0].passed or (linear and not is_plausible(M)):
-        nothing = "no single cause that was tried explains it"
-        why = in_words(causes(poses, model, fit), nothing)
-        tests.append(threshold_test("cause", len(poses), False, why))
+        tests.append(cause_test(causes(poses, model, fit, recording), recording.source))
     return [*tests, _faces_complete(poses)]
 
 

@@ -58,13 +58,18 @@ class Model:
         return np.asarray(self.ideal(poses) + np.tensordot(values, columns, axes=1))
 
 
+def design_of(poses: Poses, model: Model) -> tuple[list[str], list[str], Array]:
+    """Names and units of all parameters, (p,), and their whitened columns, (m k, p)."""
+    names, units, columns = model.columns(poses)
+    whitened = np.einsum("mij,pmj->mip", whitening_of_means(poses), columns)
+    return names, units, whitened.reshape(-1, len(names))
+
+
 def solve(poses: Poses, model: Model) -> tuple[Fit, list[str]]:
     """Weighted least squares on pose means: the fit, and the units of its parameters."""
-    names, units, columns = model.columns(poses)
-    whiten = whitening_of_means(poses)
+    names, units, design = design_of(poses, model)
     error = poses.means - model.ideal(poses)
-    design = np.einsum("mij,pmj->mip", whiten, columns).reshape(-1, len(names))
-    target = np.einsum("mij,mj->mi", whiten, error).ravel()
+    target = np.einsum("mij,mj->mi", whitening_of_means(poses), error).ravel()
     fit = linear_fit(names, design, target)
     return fit, [u for n, u in zip(names, units, strict=True) if n in fit.names]
 

@@ -10,6 +10,7 @@ from tiltcal.calibration.methods.known_attitude_model import without_drift
 from tiltcal.calibration.methods.norm_checks import (
     compared_with_iteration,
     leave_directions_out,
+    misfit_of_norm,
     norm_notes,
     norm_tests,
     plausibility_tests,
@@ -19,6 +20,7 @@ from tiltcal.calibration.methods.norm_checks import (
 from tiltcal.calibration.methods.norm_iteration import product_and_sum
 from tiltcal.calibration.methods.norm_model import mirrored, solve
 from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.screen.causes import cause_test
 from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.calibration.screen.drift import slope_test
 from tiltcal.calibration.screen.outliers import outlier_tests
@@ -101,9 +103,8 @@ def _solved(
     drift: bool,
 ) -> Calibration:
     """The calibration by the norms of these poses."""
-    used = poses.sensor
-    g = setup.site.gravity
-    span = float(recording.time[0]), float(recording.time[-1] - recording.time[0])
+    used, g = poses.sensor, setup.site.gravity
+    span = float(recording.time[0]), float(np.ptp(recording.time))
     if drift:
         fit, converged = solve_with_drift(poses, g, terms, *span)
         level = without_slope(poses, fit, *span)
@@ -115,14 +116,16 @@ def _solved(
     tests += [*live, *plausibility_tests(level, fit, terms, recording.sensor(used).units[0])]
     if not drift:
         tests.append(slope_test(poses))
-    warnings = norm_notes(level, fit, g, terms)
-    record = {}
+    if any(t.name == "fit" and not t.passed for t in tests):
+        tried = misfit_of_norm(level, fit, g, terms, recording).explanations()
+        tests.append(cause_test(tried, recording.source))
+    warnings, record = norm_notes(level, fit, g, terms), {}
     if terms == 6:
         iteration = product_and_sum(level.means, g)
-        record["product_and_sum"] = iteration.record
+        record = {"product_and_sum": iteration.record}
         warnings.append(compared_with_iteration(iteration, fit, used.name, g))
     fit = mirrored(fit)
-    units = ["m_s2" if ".bias_" in n or ".drift_" in n else "1" for n in fit.names]
+    units = ["1" if ".scale_" in n or ".cross_" in n else "m_s2" for n in fit.names]
     if drift:
         fit, units, words = without_drift(fit, units, used)
         warnings.append(words)

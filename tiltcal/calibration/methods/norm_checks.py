@@ -10,24 +10,25 @@ import numpy as np
 from tiltcal.calibration.methods.common import leave_out_rms
 from tiltcal.calibration.methods.norm_iteration import Iteration
 from tiltcal.calibration.methods.norm_model import (
+    Further,
     directions,
     model_of,
-    names_of,
     norm_sigma,
     slopes_of_norm,
     solve,
-    start_of,
     vector_of,
 )
+from tiltcal.calibration.screen.causes import Misfit, at_poses
 from tiltcal.calibration.screen.columns import unit_test
 from tiltcal.calibration.screen.drift import mean_slope
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.frames import AXES, angle_between, sphere
 from tiltcal.core.units import DEG
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import Poses, group_directions
 from tiltcal.setup.pose_schemes import label_of
-from tiltcal.statistics.least_squares import Fit, gauss_newton
+from tiltcal.statistics.least_squares import Fit
 
 # of the positions: the best six have 1, a fifth of random ones exceed this
 BAD_CONDITION = 100.0
@@ -192,9 +193,6 @@ def compared_with_iteration(iteration: Iteration, fit: Fit, sensor: str, g: floa
     )
 
 
-ROUNDS = 3  # the noise of a norm depends weakly on the parameters
-
-
 def solve_with_drift(
     poses: Poses, g: float, terms: int, start: float, length: float
 ) -> tuple[Fit, bool]:
@@ -210,25 +208,43 @@ def solve_with_drift(
         start, length: of the recording, s.
     """
     elapsed = _elapsed(poses, start, length)
-    names = [*names_of(poses.sensor.name, terms), *(f"{poses.sensor.name}.drift_{a}" for a in AXES)]
-    slope, slope_sigma = mean_slope(poses)
-    x = np.concatenate([start_of(poses.means, g, terms), slope * length])
-    for _ in range(ROUNDS):
-        sigma = norm_sigma(replace(poses, means=_level(poses, x[terms:], elapsed)), x[:terms])
+    slope, sigma = mean_slope(poses)
+    names = tuple(f"{poses.sensor.name}.drift_{a}" for a in AXES)
+    columns = np.eye(3)[:, None, :] * elapsed[None, :, None]
+    return solve(poses, g, terms, further=Further(names, columns, slope * length, sigma * length))
 
-        def problem(x: Array, sigma: Array = sigma) -> tuple[Array, Array]:
-            f, v = directions(_level(poses, x[terms:], elapsed), x[:terms])
-            norms = (np.linalg.norm(f, axis=1) - g) / sigma
-            J = np.hstack([slopes_of_norm(f, v, terms), -v * elapsed[:, None]]) / sigma[:, None]
-            seen = (x[terms:] / length - slope) / slope_sigma
-            tail = np.hstack([np.zeros((3, terms)), np.diag(1 / (length * slope_sigma))])
-            return np.concatenate([norms, seen]), np.vstack([J, tail])
 
-        fit, converged = gauss_newton(names, x, problem)
-        if fit.dropped or not converged:
-            break
-        x = fit.values
-    return fit, converged
+def misfit_of_norm(poses: Poses, fit: Fit, g: float, terms: int, recording: Recording) -> Misfit:
+    """What a fit of norms leaves.
+
+    Args:
+        poses: means, without a fitted drift.
+        fit: of them.
+        g: m/s2.
+        terms: 6 or 9.
+        recording: that the poses are of.
+    """
+    x = vector_of(fit, poses, terms)
+    f, v = directions(poses.means, x)
+    sigma = norm_sigma(poses, x)
+
+    def refit(columns: Array, kept: Mask) -> Misfit:
+        rest, further = poses.subset(kept), Further.unknown(columns[:, kept])
+        found, _ = solve(rest, g, terms, x, further)
+        sizes = np.array([found.value(n) for n in further.names])
+        level = replace(rest, means=further.taken_off(rest.means, sizes))
+        return misfit_of_norm(level, found, g, terms, recording)
+
+    return at_poses(
+        poses,
+        recording,
+        g,
+        f,
+        (np.linalg.norm(f, axis=1) - g) / sigma,
+        slopes_of_norm(f, v, terms) / sigma[:, None],
+        lambda errors: np.einsum("mi,qmi->mq", v / sigma[:, None], errors),
+        refit,
+    )
 
 
 def without_slope(poses: Poses, fit: Fit, start: float, length: float) -> Poses:

@@ -1,6 +1,6 @@
 """Maximum likelihood of ``|f| = g``: the model, its slopes, and the fit of pose means."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -10,6 +10,7 @@ from tiltcal.core.frames import AXES
 from tiltcal.recordings.static_poses import Poses
 from tiltcal.statistics.least_squares import Fit, gauss_newton
 
+ROUNDS = 3  # the noise of a norm depends weakly on the parameters
 PAIRS = ((0, 1), (0, 2), (1, 2))
 """The axes of each symmetric cross-axis term."""
 
@@ -43,19 +44,60 @@ def model_of(x: Array) -> tuple[Array, Array]:
     return x[:3], M
 
 
-def solve(poses: Poses, g: float, terms: int, start: Array | None = None) -> tuple[Fit, bool]:
-    """Maximum likelihood from pose means; the fit and whether it converged. start: parameters to
-    start from, SI, (p,).
+@dataclass(frozen=True)
+class Further:
+    """Errors of the readings that are fitted beside the parameters.
+
+    Args:
+        names: of their sizes, (q,).
+        columns: error of each reading per unit size, SI, (q, m, 3).
+        measured: of the sizes, with its standard deviation, (q,) each; infinite where nothing is.
+        sigma: that.
+    """
+
+    names: tuple[str, ...]
+    columns: Array
+    measured: Array
+    sigma: Array
+
+    @classmethod
+    def unknown(cls, columns: Array) -> "Further":
+        """Sizes of which nothing is known. columns: (q, m, 3)."""
+        q = len(columns)
+        names = tuple(f"further {k}" for k in range(q))
+        return cls(names, columns, np.zeros(q), np.full(q, np.inf))
+
+    def taken_off(self, means: Array, sizes: Array) -> Array:
+        """The means, (m, 3), without errors of these sizes, (q,)."""
+        return np.asarray(means - np.tensordot(sizes, self.columns, axes=1))
+
+
+def solve(
+    poses: Poses, g: float, terms: int, start: Array | None = None, further: Further | None = None
+) -> tuple[Fit, bool]:
+    """Maximum likelihood from pose means; the fit and whether it converged.
 
     The noise of a norm depends weakly on the parameters: it is computed at the last solution and
     held constant during each solution.
+
+    Args:
+        poses: means, and their noise.
+        g: m/s2.
+        terms: 6 or 9.
+        start: parameters to start from, SI, (terms,).
+        further: errors of the readings that are fitted as well.
     """
-    names = names_of(poses.sensor.name, terms)
+    if further is None:
+        further = Further.unknown(np.zeros((0, len(poses), 3)))
+    names = [*names_of(poses.sensor.name, terms), *further.names]
     x = start_of(poses.means, g, terms) if start is None else start
-    for _ in range(3 if start is None else 1):
-        sigma = norm_sigma(poses, x)
-        problem = partial(_whitened, poses.means, g, sigma)
-        fit, converged = gauss_newton(names, x, problem)
+    x = np.concatenate([x, further.measured])
+    for _ in range(ROUNDS if start is None else 1):
+        level = replace(poses, means=further.taken_off(poses.means, x[terms:]))
+        sigma = norm_sigma(level, x[:terms])
+        fit, converged = gauss_newton(
+            names, x, partial(_whitened, poses.means, g, sigma, terms, further)
+        )
         if fit.dropped or not converged:
             break
         x = fit.values
@@ -86,10 +128,18 @@ def slopes_of_norm(f: Array, v: Array, terms: int) -> Array:
     return np.hstack(columns)
 
 
-def _whitened(y: Array, g: float, sigma: Array, x: Array) -> tuple[Array, Array]:
-    """Residuals (|f| - g) / sigma and their Jacobian."""
-    f, v = directions(y, x)
-    return (np.linalg.norm(f, axis=1) - g) / sigma, slopes_of_norm(f, v, len(x)) / sigma[:, None]
+def _whitened(
+    y: Array, g: float, sigma: Array, terms: int, further: Further, x: Array
+) -> tuple[Array, Array]:
+    """Residuals (|f| - g) / sigma, those of what was measured, and their Jacobian."""
+    f, v = directions(further.taken_off(y, x[terms:]), x[:terms])
+    columns = -np.einsum("mi,qmi->mq", v, further.columns)
+    norms = (np.linalg.norm(f, axis=1) - g) / sigma
+    J = np.hstack([slopes_of_norm(f, v, terms), columns]) / sigma[:, None]
+    known = np.isfinite(further.sigma)
+    seen = ((x[terms:] - further.measured) / further.sigma)[known]
+    tail = np.hstack([np.zeros((len(known), terms)), np.diag(1 / further.sigma)])[known]
+    return np.concatenate([norms, seen]), np.vstack([J, tail])
 
 
 def start_of(y: Array, g: float, terms: int) -> Array:

@@ -77,9 +77,8 @@ def six_position(
     start, end = float(recording.time[0]), float(recording.time[-1])
     model = Model(setup, terms, start, end - start)
     fit, units = solve(poses, model)
-    unit = recording.sensor(used).units[0]
     live += outlier_tests(recording, poses)
-    tests = [*known_attitude_tests(poses, model, fit, unit), *live]
+    tests = [*known_attitude_tests(poses, model, fit, recording), *live]
     warnings.append(fixture_rotation(fit, used))
     determined = not fit.dropped and fit.dof > 0
     if not determined:

@@ -67,7 +67,7 @@ def columns_under(
     for term in terms:
         cls = effect_of_term(term, sensor)
         effect = cls()
-        for parameter in cls.parameters:
+        for parameter in (p for p in cls.parameters if not p.is_shape):
             for name in parameter.expand(sensor.axes):
                 channel, column = effect.term(name, sense)
                 block = np.zeros((len(sense.time), len(sensor.axes)))

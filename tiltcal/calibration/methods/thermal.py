@@ -9,8 +9,10 @@ import numpy as np
 
 from tiltcal.calibration.methods.common import provenance
 from tiltcal.calibration.methods.thermal_blocks import (
+    BlockFit,
     blocks_of,
     fit_over_blocks,
+    misfit_of_blocks,
     stretches_at_rest,
     temperature_of,
 )
@@ -24,7 +26,9 @@ from tiltcal.calibration.methods.thermal_model import (
     smallest,
 )
 from tiltcal.calibration.result import Calibration, Estimate
+from tiltcal.calibration.screen.causes import cause_test
 from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import Test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
@@ -33,7 +37,7 @@ from tiltcal.instrument.temperature import Memory, TemperatureCourse
 from tiltcal.instrument.terms import SHARED
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
-from tiltcal.recordings.static_poses import PoseSpan
+from tiltcal.recordings.static_poses import PoseSpan, find_poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.statistics.dwell_noise import second_difference_noise
@@ -104,14 +108,25 @@ def thermal(
     }
     if memory.kind != "none":
         shared[memory.kind] = (memory.size, "s" if memory.kind == "lag" else "degC")
-    tests = [t for s in used for t in channel_tests(recording, s)]
+    tests = [t for s in used for t in _channels_tested(recording, setup, s, stretches)]
     tests += [_both_ways(tried[0][1], span), *(p.heldout_test() for p in parts)]
     fits = [fit_over_blocks(recording, setup, p.sensor, p.blocks, *p.left()) for p in parts]
-    tests += [fit.test() for fit in fits]
+    for part, fit in zip(parts, fits, strict=True):
+        tests.append(fit.test())
+        if not tests[-1].passed:
+            tests.append(part.cause(fit, setup, recording.source))
     warnings += [note for p in parts for note in p.notes()]
     result = _calibration(recording, parts, shared, tests, warnings, stretches)
     dof = sum(fit.dof for fit in fits)
     return replace(result, chi2_per_dof=sum(fit.chi2 for fit in fits) / max(dof, 1), dof=dof)
+
+
+def _channels_tested(
+    recording: Recording, setup: Setup, sensor: Sensor, stretches: Sequence[Segment]
+) -> list[Test]:
+    """Whether the channels of a sensor measure, and their means are not spoilt by outliers."""
+    poses = find_poses(recording, setup, sensor, stretches)
+    return [*channel_tests(recording, sensor), *outlier_tests(recording, poses)]
 
 
 def _smoothing(time: Array, temperature: Array) -> float:
@@ -153,6 +168,12 @@ class SensorFit:
         """Residual of each block, SI, (n, k), and how many columns each channel was fitted with."""
         keep, _, _, left = estimate(self.choice, self.blocks)
         return left, len(keep)
+
+    def cause(self, fit: BlockFit, setup: Setup, source: str) -> Test:
+        """The cause of a misfit. fit: how well the blocks were fitted; source: of the recording."""
+        left, X = self.left()[0], self.choice.design.X
+        misfit = misfit_of_blocks(self.sensor, setup, self.blocks, fit, left, X)
+        return cause_test(misfit.explanations(), source, f"cause of {self.sensor.name}")
 
     def heldout_test(self) -> Test:
         """Do blocks that were left out fit as those that were not?"""

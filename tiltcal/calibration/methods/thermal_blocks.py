@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.calibration.methods.thermal_model import FOLDS, Blocks
+from tiltcal.calibration.screen.causes import Misfit, lacking_terms, part_words
 from tiltcal.calibration.validity import Test, chi2_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt
 from tiltcal.core.units import G0
+from tiltcal.effects.sense import Sense
 from tiltcal.instrument.temperature import held
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
@@ -115,6 +117,7 @@ class BlockFit:
         allowed: variance of a block by white noise and the most flicker which the samples allow,
             over that by white noise.
         worst: the stretch with the largest residual, s, and its rms residual over its noise.
+        sigma: standard deviation of each block by white noise, SI, (n, k).
     """
 
     sensor: str
@@ -122,6 +125,7 @@ class BlockFit:
     dof: int
     allowed: float
     worst: tuple[float, float, float]
+    sigma: Array
 
     def test(self) -> Test:
         """Do the residuals stay within the noise?"""
@@ -162,7 +166,8 @@ def fit_over_blocks(
         within.append(part - part.mean(axis=0))
     counts = np.array([len(part) for part in within], dtype=float)
     white = np.maximum(np.diag(pooled_noise(within)[0]), 1e-30)
-    scaled = left**2 * counts[:, None] / white
+    sigma = np.sqrt(white / counts[:, None])
+    scaled = (left / sigma) ** 2
     series = [part + r for part, r in zip(within, left, strict=True)]
     stretch = np.cumsum(np.diff(blocks.rows[:, 0], prepend=blocks.rows[0, 0]) > blocks.size)
     parts = [
@@ -183,7 +188,45 @@ def fit_over_blocks(
     time = recording.time
     worst = (float(time[rows[0, 0]]), float(time[rows[-1, 1] - 1]), by_stretch[k])
     dof = max(left.size - columns * left.shape[1], 1)
-    return BlockFit(sensor.name, float(scaled.sum()), dof, allowed, worst)
+    return BlockFit(sensor.name, float(scaled.sum()), dof, allowed, worst, sigma)
+
+
+def misfit_of_blocks(
+    sensor: Sensor, setup: Setup, blocks: Blocks, fit: BlockFit, left: Array, X: Array
+) -> Misfit:
+    """What a fit of blocks leaves.
+
+    Args:
+        sensor: that was read.
+        setup: of the recording.
+        blocks: that were fitted.
+        fit: how well.
+        left: residuals, SI, (n, k).
+        X: columns of the widest model, so that its choice cannot hide a cause, (n, p).
+    """
+    n, k = left.shape
+    force = np.zeros((n, 3)) if blocks.force is None else blocks.force * G0
+    sense = Sense.at_rest(sensor, setup.site.gravity, force)
+    sense = replace(sense, time=blocks.time, elapsed=blocks.time - blocks.time[0])
+    inputs = force[:, list(sensor.axis_indices)] if sensor.quantity != "rate" else np.zeros((n, k))
+    design = np.einsum("np,ij,ni->nipj", X, np.eye(k), 1 / fit.sigma).reshape(n * k, -1)
+    new = np.diff(blocks.rows[:, 0], prepend=blocks.rows[0, 0]) > blocks.size
+    part = np.cumsum(new, dtype=np.intp)
+    ends = [blocks.time[part == i][[0, -1]] for i in range(part[-1] + 1)]
+    return Misfit(
+        [f"{sensor.name}_{a}" for a in sensor.axes],
+        blocks.time,
+        blocks.error + inputs,
+        inputs,
+        fit.sigma,
+        part,
+        [part_words("stretch", *each) for each in ends],
+        (left / fit.sigma).ravel(),
+        design,
+        lambda errors: (errors / fit.sigma).reshape(len(errors), -1).T,
+        lacking_terms(sensor, sense),
+        fit.allowed,
+    )
 
 
 def _mean(values: Array) -> Array:

@@ -22,12 +22,14 @@ class Explanation:
         words: the cause.
         chi2, dof: that it leaves.
         bic: chi2 plus its parameters times the logarithm of the number of readings.
+        freedom: degrees of freedom of the noise that chi2 is in units of.
     """
 
     words: str
     chi2: float
     dof: int
     bic: float
+    freedom: float = 1e9  # known
 
     @classmethod
     def of(cls, words: str, chi2: float, dof: int, readings: int, tried: int) -> "Explanation":
@@ -38,9 +40,11 @@ class Explanation:
     @property
     def fits(self) -> bool:
         """Whether what it leaves is noise."""
-        from scipy.special import chdtrc
+        from scipy.special import fdtrc
 
-        return self.dof > 0 and float(chdtrc(self.dof, self.chi2)) > SIGNIFICANCE
+        if self.dof <= 0:
+            return False
+        return float(fdtrc(self.dof, self.freedom, self.chi2 / self.dof)) > SIGNIFICANCE
 
 
 def explanation(

@@ -2,6 +2,7 @@
 MuJoCo.
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,8 @@ from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC, DEG
 from tiltcal.recordings import static_poses
+from tiltcal.recordings.joining import joined
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.validation.accuracy import normalised_error
 
@@ -253,9 +256,9 @@ def test_unusable_recordings_and_options_are_refused_in_words():
     )
     with pytest.raises(TiltcalError, match="without a readout of table_outer"):
         calibrate("placing_table", blind, SETUP)
-    with pytest.raises(TiltcalError, match="found axes x of accel, need x and y"):
+    with pytest.raises(TiltcalError, match="no column accel_z"):
         calibrate(
-            "placing_table", made, setup_of("placing", SENSOR.model_copy(update={"axes": ("x",)}))
+            "placing_table", made, setup_of("placing", SENSOR.model_copy(update={"axes": ("z",)}))
         )
     with pytest.raises(TiltcalError, match=r"option lookup: found nearest"):
         swept(made, lookup="nearest")
@@ -263,6 +266,43 @@ def test_unusable_recordings_and_options_are_refused_in_words():
         swept(made, harmonics=7)
     with pytest.raises(TiltcalError, match="fewer than three placing angles"):
         swept(log((0, np.array([0.0, 10.0]))))
+
+
+def _only(recording, axis):
+    """The recording without the columns of the other axis, as arcsec of an inclinometer."""
+    values = recording.sensor(SENSOR).values[:, SENSOR.axes.index(axis)]
+    columns = {
+        f"incl_{axis}_arcsec": np.arcsin(values / G) / ARCSEC,
+        "table_outer_deg": recording.table("outer") / DEG,
+    }
+    return Recording.from_columns(recording.time, columns, metadata=dict(recording.metadata))
+
+
+def test_one_channel_at_a_time_gives_the_tables_of_both():
+    """Each axis in a recording of its own, which holds that channel only, in arcsec."""
+    setup = setup_of("placing", INCL)
+    first = _only(log((0, UP_AND_DOWN)), "y")
+    second = _only(log((90, UP_AND_DOWN)), "x")
+    assert calibrate("placing_table", first, setup).verdict == "good"
+    found = calibrate("placing_table", joined([first, second], "identity"), setup)
+    for axis in "xy":
+        value = [e["value"] for e in found.bias_tables[f"incl.{axis}"]]
+        np.testing.assert_allclose(value, bias(axis, UP), rtol=0, atol=2e-6)
+
+
+def test_what_no_table_corrects_is_said_only_where_it_is_there():
+    rows = rows_of(2 * len(UP_AND_DOWN), DWELL, MOVE)[-1] + 1
+    noise = np.random.default_rng(5).normal(0, SIGMA, (rows, 2))
+    clean = swept(log(*BOTH, noise=noise))
+    assert not any("no table corrects" in w for w in clean.warnings)
+
+    def too_long(mount, outer, lean=0.0):
+        return readings(mount, outer, lean) * [1.0002, 1.0]
+
+    scaled = swept(log(*BOTH, noise=noise, readings_of=too_long))
+    (note,) = [w for w in scaled.warnings if "no table corrects" in w]
+    found, sigma = (float(w) for w in re.search(r"of x, (\S+) \+- ([\d.e-]+)", note).groups())
+    assert abs(found - 2e-4) < 3 * sigma < 2e-5
 
 
 def test_a_dwell_that_spans_a_remount_is_cut_there():

@@ -90,11 +90,11 @@ def si_values(sensor: Sensor, names: Sequence[str], raw: Array, source: str) -> 
     for name, unit in zip(names, units, strict=True):
         known = COLUMN_UNITS[str(unit)]
         if known.quantity != sensor.quantity:
-            fix = (
-                "add input = {unit = ..., zero = ..., per_...} to the sensor"
-                if known.quantity == "raw"
-                else "rename it"
-            )
+            fix = "rename it"
+            if known.quantity == "raw":
+                fix = "add input = {unit = ..., zero = ..., per_...} to the sensor"
+            elif known.quantity == "angle":
+                fix = 'a sensor that reads tilt is of kind = "inclinometer"'
             raise TiltcalError(
                 f"{source}, column {name}",
                 found=f"unit {unit}",

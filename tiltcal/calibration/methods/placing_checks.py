@@ -10,7 +10,7 @@ import numpy as np
 
 from tiltcal.calibration.methods.placing_sweep import AxisTable, Drift, Sweep
 from tiltcal.calibration.screen.explanations import Explanation, in_words
-from tiltcal.calibration.validity import Test, threshold_test
+from tiltcal.calibration.validity import Test, chi2_test, threshold_test
 from tiltcal.core.arrays import Array, Index
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import rotation
@@ -20,6 +20,7 @@ from tiltcal.statistics.least_squares import linear_fit
 
 TIME_CONSTANTS = np.geomspace(1 / 60, 1, 60)  # of a warm-up, of the length of the sweep
 TRIED = 20  # changes of those that explain most alone, tried with their neighbours free
+ALONG = 1e-6  # a component of a mounting by quarter turns below it is none
 SWEPT = 0.3  # of g: range of a channel from which its scale factor is determined
 
 
@@ -105,31 +106,39 @@ class _Projection:
         return Explanation.of(words, chi2, n - p, n, tried)
 
 
-def left_uncorrected(poses: Poses, g: float) -> list[str]:
-    """Scale and fixture errors of the channels across the table's axis, in words: no table holds
-    them, they stay after the correction.
+def left_uncorrected(poses: Poses, mounts: Array, g: float) -> str:
+    """Scale and fixture errors of a channel across the table's axis, in words: no table holds them,
+    they stay after the correction. Empty where they are not significant.
+
+    Args:
+        poses: of one channel.
+        mounts: R_mount at each, (m, 3, 3).
+        g: m/s2.
     """
-    notes = []
-    for i, axis in enumerate(poses.sensor.axes):
-        f, up = g * poses.up[:, poses.sensor.axis_indices[i]], g * poses.up[:, 2]
-        if axis not in "xy" or np.ptp(f) < SWEPT * g:
-            continue
-        across = np.hypot(f, up) > 0.9 * g  # not the dwells with this axis along the table's
-        weight = 1 / np.sqrt(poses.covariances[across, i, i])
-        design = np.column_stack([np.ones(len(f)), f, up])[across]
-        error = (poses.means[:, i] - f)[across]
-        fit = linear_fit(("bias", "scale", "lean"), design * weight[:, None], error * weight)
-        if fit.dropped:
-            continue
-        left = float(np.sqrt(np.mean((design[:, 1:] @ fit.values[1:]) ** 2)))
-        notes.append(
-            f"no table corrects the scale error of {axis}, {fit.values[1]:.3g} +-"
-            f" {fit.sigmas[1]:.2g}, nor the fixture misalignment (or the index error),"
-            f" {fit.values[2] / ARCSEC:.4g} +- {fit.sigmas[2] / ARCSEC:.2g} arcsec:"
-            f" {left / g / ARCSEC:.4g} arcsec rms stay in tilt_{axis} over this sweep; six_position"
-            " corrects them"
-        )
-    return notes
+    axis, i = poses.sensor.axes[0], poses.sensor.axis_indices[0]
+    f, up = g * poses.up[:, i], g * poses.up[:, 2]
+    # an axis along the table's reads its bias at the placing angle: that is the table
+    across = np.abs(mounts[:, 1, i]) < ALONG
+    if not across.any() or np.ptp(f[across]) < SWEPT * g:
+        return ""
+    weight = 1 / np.sqrt(poses.covariances[across, 0, 0])
+    design = np.column_stack([np.ones(len(f)), f, up])[across]
+    error = (poses.means[:, 0] - f)[across]
+    fit = linear_fit(("bias", "scale", "lean"), design * weight[:, None], error * weight)
+    if fit.dropped:
+        return ""
+    found = fit.values[1:]
+    size = float(found @ np.linalg.solve(fit.covariance[1:, 1:], found))
+    if chi2_test("scale and lean", size / max(fit.chi2_per_dof, 1.0), 2, "").passed:
+        return ""
+    left = float(np.sqrt(np.mean((design[:, 1:] @ found) ** 2)))
+    return (
+        f"no table corrects the scale error of {axis}, {fit.values[1]:.3g} +-"
+        f" {fit.sigmas[1]:.2g}, nor the fixture misalignment (or the index error),"
+        f" {fit.values[2] / ARCSEC:.4g} +- {fit.sigmas[2] / ARCSEC:.2g} arcsec:"
+        f" {left / g / ARCSEC:.4g} arcsec rms stay in tilt_{axis} over this sweep; six_position"
+        " corrects them"
+    )
 
 
 OTHER_MOUNTING = 0.3  # of g: another mounting differs by more than any error of a sensor
@@ -139,68 +148,80 @@ REPEATED = 0.5  # share of the angles; with fewer repeated visits the drift is p
 REMOUNT = {"x": "Rz(90)", "y": "identity"}
 
 
-def require_mounting(poses: Poses, which: Index, g: float, source: str) -> None:
-    """Refuse readings that contradict the stated mounting. which: numbers of the poses, (n,).
+def require_mounting(each: Sequence[Poses], which: Sequence[Index], g: float, source: str) -> None:
+    """Refuse readings that contradict the stated mounting.
+
+    Args:
+        each: poses of one channel.
+        which: numbers of their mountings, (m,) each.
+        g: m/s2.
+        source: of the recording.
 
     Raises:
         TiltcalError: naming the time, and the mounting that the readings look like.
     """
-    for number in np.unique(which):
-        mine = np.flatnonzero(which == number)
-        off = _misfit(poses, mine, np.eye(3), g)
-        if off < OTHER_MOUNTING:
+    for number in np.unique(np.concatenate(which)):
+        mine = [
+            p.subset(np.asarray(w == number))
+            for p, w in zip(each, which, strict=True)
+            if np.any(w == number)
+        ]
+        if _misfit(mine, np.eye(3), g) < OTHER_MOUNTING:
             continue
-        misfits = [_misfit(poses, mine, rotation("z", d * DEG), g) for d in QUARTERS]
+        misfits = [_misfit(mine, rotation("z", d * DEG), g) for d in QUARTERS]
         better = int(np.argmin(misfits))
         guess = ""
         if misfits[better] < OTHER_MOUNTING / 2:
             guess = f" but look like one turned by a further Rz({QUARTERS[better]})"
+        start = min(p.spans[0].start_s for p in mine)
         raise TiltcalError(
-            f"{source}, mounting from {poses.spans[mine[0]].start_s:.6g} s",
-            found=f"readings up to {off:.2g} g off the stated mounting{guess}",
+            f"{source}, mounting from {start:.6g} s",
+            found=f"readings up to {misfits[0]:.2g} g off the stated mounting{guess}",
             need="the mounting that was used",
             do="correct the metadata line `# mount: ...`, or rig.mount",
         )
 
 
-def _misfit(poses: Poses, mine: Index, turn: Array, g: float) -> float:
-    """The 90 % quantile over the dwells of the largest difference from the readings expected after
-    a turn, in g.
+def _misfit(each: Sequence[Poses], turn: Array, g: float) -> float:
+    """The 90 % quantile over the dwells of the difference from the readings expected after a turn,
+    in g, of the worst channel.
 
     A channel that reads too little in the right direction clips; that is not a mounting.
     """
-    expected = (poses.up[mine] @ turn)[:, list(poses.sensor.axis_indices)]
-    seen = poses.means[mine] / g
-    error = np.abs(seen - expected)
-    clipped = (
-        (np.sign(seen) == np.sign(expected))
-        & (np.abs(seen) < np.abs(expected))
-        & (np.abs(seen) > 0.1)
-    )
-    return float(np.quantile(np.where(clipped, 0.0, error).max(axis=1), 0.9))
+    worst = 0.0
+    for poses in each:
+        expected = (poses.up @ turn)[:, poses.sensor.axis_indices[0]]
+        seen = poses.means[:, 0] / g
+        clipped = (
+            (np.sign(seen) == np.sign(expected))
+            & (np.abs(seen) < np.abs(expected))
+            & (np.abs(seen) > 0.1)
+        )
+        off = np.where(clipped, 0.0, np.abs(seen - expected))
+        worst = max(worst, float(np.quantile(off, 0.9)))
+    return worst
 
 
-def range_tests(poses: Poses, g: float) -> list[Test]:
-    """Channels that stay at one reading where more acts on them, by name."""
+def range_test(each: Sequence[Poses], g: float) -> Test:
+    """Channels that stay at one reading where more acts on them, by name. each: of one channel."""
     clipped = []
-    for i, axis in enumerate(poses.sensor.axes):
-        expected = poses.up[:, poses.sensor.axis_indices[i]]
-        seen = poses.means[:, i] / g
+    for poses in each:
+        expected, seen = poses.up[:, poses.sensor.axis_indices[0]], poses.means[:, 0] / g
         top = np.abs(seen).max()
         at_stop = (np.abs(seen) > top - CLIPPED / 4) & (np.abs(expected) - np.abs(seen) > CLIPPED)
         if at_stop.sum() >= 3 and np.ptp(expected[at_stop]) > 2 * CLIPPED:
             acts = np.abs(expected[at_stop]).max() * g
             clipped.append(
-                f"{axis} stays at {top * g:.4g} m/s2 on {at_stop.sum()} dwells where up to"
-                f" {acts:.4g} act"
+                f"{poses.sensor.axes[0]} stays at {top * g:.4g} m/s2 on {at_stop.sum()} dwells"
+                f" where up to {acts:.4g} act"
             )
     words = "no channel is clipped"
     if clipped:
         words = (
             f"saturated: {'; '.join(clipped)}; the placing angle of the other axis is wrong there"
         )
-    count, axes = len(clipped), len(poses.sensor.axes)
-    return [threshold_test("channels within range", count, not clipped, words, dof=axes)]
+    count = len(clipped)
+    return threshold_test("channels within range", count, not clipped, words, dof=len(each))
 
 
 def sweep_tests(axes: Sequence[AxisTable]) -> list[Test]:

@@ -198,16 +198,22 @@ def mounting_of(
     return np.searchsorted(starts, middle, side="right") - 1, [R for _, R in stated]
 
 
+def mounts_of(poses: Poses, recording: Recording, setup: Setup) -> Array:
+    """R_mount at each pose, (m, 3, 3)."""
+    which, mounts = mounting_of(poses, recording, setup)
+    return np.array(mounts)[which]
+
+
 def find_sweeps(
     poses: Poses, recording: Recording, setup: Setup, axis: str
 ) -> tuple[list[Sweep], tuple[float, float], list[str]]:
     """All sweeps of one axis, the (start, step) of their grid, and notes on dwells that were left
     out.
     """
-    which, mounts = mounting_of(poses, recording, setup)
+    which, _ = mounting_of(poses, recording, setup)
     channel = poses.sensor.axes.index(axis)
     # North component of the axis, whatever the table does
-    lying = np.array([R[1, "xyz".index(axis)] for R in mounts])[which]
+    lying = mounts_of(poses, recording, setup)[:, 1, "xyz".index(axis)]
     used = np.abs(np.abs(lying) - 1) < 1e-6
     if not used.any():
         return [], (0.0, 0.0), []
@@ -224,7 +230,7 @@ def find_sweeps(
         )
     time = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
     variance = poses.covariances[:, channel, channel]
-    value = poses.means[:, channel] - setup.site.gravity * poses.up[:, channel]
+    value = poses.means[:, channel] - setup.site.gravity * poses.up[:, "xyz".index(axis)]
     sweeps = []
     for number in np.unique(which[used]):
         k = np.flatnonzero(used & ~off & (which == number))

@@ -11,12 +11,11 @@ import numpy as np
 from tiltcal.calibration.methods.common import (
     leave_out_rms,
     pick_sensor,
-    require_xy,
     wrap_up,
 )
 from tiltcal.calibration.methods.placing_checks import (
     left_uncorrected,
-    range_tests,
+    range_test,
     require_mounting,
     sweep_tests,
     table_notes,
@@ -35,6 +34,7 @@ from tiltcal.calibration.methods.placing_sweep import (
     Drift,
     find_sweeps,
     mounting_of,
+    mounts_of,
     solve_axis,
     split_at_remounts,
 )
@@ -112,35 +112,33 @@ def placing_table(
     fit = joint_fit(axes, smooth)
     chi2 = _repeat_test(fit, axes)
     factor = fit.chi2_per_dof if not chi2.passed and fit.chi2_per_dof > 1 else 1.0
+    g = setup.site.gravity
     tests = [
         chi2,
-        *range_tests(poses, setup.site.gravity),
+        range_test(poses, g),
         *sweep_tests(axes),
-        interpolation_test(axes, setup.site.gravity, lookup),
+        interpolation_test(axes, g, lookup),
         *smooth_tests,
         *channel_tests(recording, used, "xy"),
-        *outlier_tests(recording, poses, "xy"),
+        *(t for p in poses for t in outlier_tests(recording, p)),
     ]
+    left = [left_uncorrected(p, mounts_of(p, recording, setup), g) for p in poses]
     result = wrap_up(
         NAME,
         verdict_of(tests),
         fit,
         ["m_s2"] * len(fit.names),
         tests,
-        [
-            *notes,
-            *table_notes(axes, setup.site.gravity, drift),
-            *left_uncorrected(poses, setup.site.gravity),
-            *smooth_notes,
-        ],
-        poses,
+        [*notes, *table_notes(axes, g, drift), *filter(None, left), *smooth_notes],
+        poses[0],
         recording,
         equation=EQUATION.format(used.name),
         inverse=f"f_i = {used.name}_i - b_i(beta_i), b {lookup}, beta from the other axis",
         heldout={used.name: leave_out_rms([_left_out(a) for a in axes])},
     )
+    spans = dict.fromkeys(s for p in poses for s in p.spans)
     tables = {f"{used.name}.{a.axis}": _entries(a, factor) for a in axes}
-    return replace(result, bias_tables=tables, lookup=lookup)
+    return replace(result, bias_tables=tables, lookup=lookup, poses=list(spans))
 
 
 def _repeat_test(fit: Fit, axes: Sequence[AxisTable]) -> Test:
@@ -186,38 +184,58 @@ def _require(
             need="1, 2, 3 or 4",
             do="correct it",
         )
-    used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
-    require_xy(used, NAME)
-    return used
+    recorded = [r for s in setup.sensor if (r := _recorded(s, recording)) is not None]
+    kinds = ("accelerometer", "inclinometer")
+    return pick_sensor(
+        setup.model_copy(update={"sensor": tuple(recorded) or setup.sensor}),
+        recording,
+        kinds,
+        sensor,
+        NAME,
+    )
+
+
+def _recorded(sensor: Sensor, recording: Recording) -> Sensor | None:
+    """The sensor with those of x and y that were recorded; None without them."""
+    axes = tuple(a for a in sensor.axes if a in "xy" and recording.channel(f"{sensor.name}_{a}"))
+    return sensor.model_copy(update={"axes": axes}) if axes else None
 
 
 def _poses(
     recording: Recording, setup: Setup, sensor: Sensor, segments: Sequence[Segment] | None
-) -> Poses:
-    """The dwells whose angle is known, split where the mounting changes."""
+) -> list[Poses]:
+    """The dwells of each axis whose angle is known, split where the mounting changes. One axis may
+    be recorded while the other is not.
+    """
     found = find_segments(recording) if segments is None else segments
-    poses = find_poses(recording, setup, sensor, split_at_remounts(found, recording, setup))
-    known = np.asarray(~np.isnan(poses.up).any(axis=1))
-    if not known.any():
+    cut = split_at_remounts(found, recording, setup)
+    each = []
+    for axis in sensor.axes:
+        alone = sensor.model_copy(update={"axes": (axis,)})
+        poses = find_poses(recording, setup, alone, cut)
+        poses = poses.subset(np.asarray(~np.isnan(poses.up).any(axis=1)))
+        if len(poses):
+            each.append(poses)
+    if not each:
         raise TiltcalError(
             recording.source,
             found=f"dwells without a readout of {READOUT}",
             need="the angle of every dwell",
             do=f"record {READOUT}_deg",
         )
-    poses = poses.subset(known)
-    which, _ = mounting_of(poses, recording, setup)
-    require_mounting(poses, which, setup.site.gravity, recording.source)
-    return poses
+    which = [mounting_of(p, recording, setup)[0] for p in each]
+    require_mounting(each, which, setup.site.gravity, recording.source)
+    return each
 
 
 def _axes(
-    poses: Poses, recording: Recording, setup: Setup, drift: Drift
+    poses: Sequence[Poses], recording: Recording, setup: Setup, drift: Drift
 ) -> tuple[list[AxisTable], list[str]]:
     """Tables of the axes that were swept, with notes."""
     tables, notes = [], []
-    for axis in ("x", "y"):
-        sweeps, grid, off = find_sweeps(poses, recording, setup, axis)
+    for each in poses:
+        axis = each.sensor.axes[0]
+        sweeps, grid, off = find_sweeps(each, recording, setup, axis)
         notes += off
         if sweeps and len(np.unique(np.concatenate([s.node for s in sweeps]))) >= 3:
             tables.append(solve_axis(axis, sweeps, grid, drift))

@@ -12,12 +12,14 @@ from logs import log_of, triad_readings
 from statistics_helpers import rng_of
 
 from tiltcal.calibration.methods.north_checks import walk_density
+from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.screen.channels import channel_tests, frozen_stretch
 from tiltcal.calibration.screen.columns import unit_test
 from tiltcal.calibration.screen.drift import slope_test
 from tiltcal.calibration.screen.explanations import Explanation, alike, in_words
 from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.core.frames import sphere
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import find_poses
 from tiltcal.statistics.dwell_noise import left_by_rounding, noise_posterior, rounding_variance
 
@@ -209,3 +211,24 @@ def test_spikes_to_one_side_are_found_with_their_channel():
     assert not test.passed
     assert "accel_y" in test.statement
     assert "outliers to one side" in test.statement
+
+
+@pytest.mark.parametrize("limited", [False, True])
+def test_a_limiter_ahead_of_the_noise_shows_while_the_table_turns(limited):
+    """A base that leans by 8 deg and a limit at 5 deg, in closed form: both positions read it."""
+    rng = rng_of(f"limiter {limited}")
+    angle = np.concatenate([np.zeros(200), np.linspace(0, np.pi, 80), np.full(200, np.pi)])
+    lean = np.sin(np.radians(8.0))
+    force = G * lean * np.column_stack([np.sin(angle), np.cos(angle)])
+    if limited:
+        force = np.clip(force, -G * np.sin(np.radians(5.0)), G * np.sin(np.radians(5.0)))
+    read = force + rng.normal(0, 5e-4, force.shape)
+    columns = {f"accel_{a}_m_s2": read[:, i] for i, a in enumerate("xy")}
+    columns["table_outer_deg"] = np.degrees(angle)
+    setup = setup_of("vertical", ACCEL.model_copy(update={"axes": ("x", "y")}))
+    made = Recording.from_columns(np.arange(len(read)) / 20, columns, source="turn.csv")
+    found = calibrate("two_position", made, setup)
+    (test,) = [t for t in found.tests if t.name == "accel not limited"]
+    assert test.passed is not limited, test.statement
+    assert found.verdict == ("suspect" if limited else "good")
+    assert ("limiter ahead of the noise" in test.statement) is limited

@@ -30,6 +30,7 @@ from tiltcal.calibration.methods.two_position import two_position
 from tiltcal.calibration.parameter_units import in_our_units
 from tiltcal.calibration.result import Calibration, load_calibration, require_finite
 from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.limiter import limiter_tests
 from tiltcal.calibration.validity import threshold_test
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.numerical import determining
@@ -158,12 +159,28 @@ def calibrate(
             )
         require_finite(result, recording.source)
     if ours:
-        result = judge_determination(result, bare)
+        result = judge_determination(judge_limits(result, recording, bare), bare)
     found = _stated(result if ours else in_our_units(result, bare), bare, recording)
     stated = {k: v for k, v in options.items() if k != "segments" and v is not None}
     return replace(
         found, provenance={**found.provenance, "options": stated} if stated else found.provenance
     )
+
+
+def judge_limits(result: Calibration, recording: Recording, setup: Setup) -> Calibration:
+    """The calibration, ``suspect`` where a channel of its sensors keeps to a limit while the table
+    turns.
+    """
+    used = [s for s in setup.sensor if recording.has(s) and _is_used(s.name, result)]
+    tests = [t for s in used for t in limiter_tests(recording, setup, s)]
+    failed = any(not t.passed for t in tests)
+    verdict = "suspect" if failed and result.verdict == "good" else result.verdict
+    return replace(result, verdict=verdict, tests=[*result.tests, *tests])
+
+
+def _is_used(sensor: str, result: Calibration) -> bool:
+    """Whether a calibration has terms or tables of a sensor."""
+    return any(n.startswith(f"{sensor}.") for n in [*result.parameters, *result.bias_tables])
 
 
 def judge_determination(result: Calibration, setup: Setup) -> Calibration:

@@ -14,7 +14,7 @@ from firmware_vectors import Case
 from scenario_files import refusal
 from statistics_helpers import rng_of
 
-from tiltcal.calibration.firmware.fixed_linear import range_of
+from tiltcal.calibration.firmware.fixed_model import range_of
 from tiltcal.calibration.firmware.header import header
 from tiltcal.calibration.firmware.log_units import log_unit
 from tiltcal.calibration.firmware.vectors import firmware_vectors

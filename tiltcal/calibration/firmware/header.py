@@ -10,22 +10,17 @@ from typing import Any
 import numpy as np
 
 from tiltcal import __version__
-from tiltcal.calibration.firmware.fixed_linear import fixed_sensors, range_of, stated
-from tiltcal.calibration.firmware.fixed_point import (
-    HYSTERESIS_PLACES,
-    MEMORY_PLACES,
-    RATE_PLACES,
-    STATE_PLACES,
-    UNIT_PLACES,
-    FixedMatrix,
-    decimals,
-    integers,
+from tiltcal.calibration.correction import temperature_terms
+from tiltcal.calibration.firmware.fixed_functions import ARCTANGENT, RATE_PLACES, SINE, decay
+from tiltcal.calibration.firmware.fixed_model import FixedSensor, fixed_sensor, range_of, stated
+from tiltcal.calibration.firmware.fixed_point import FixedMatrix, decimals, integers
+from tiltcal.calibration.firmware.fixed_temperature import (
+    FixedTemperature,
+    fixed_temperature,
+    temperature_range,
 )
-from tiltcal.calibration.firmware.inclinometer_export import inclinometer_numbers
-from tiltcal.calibration.firmware.linear_export import float_numbers
-from tiltcal.calibration.firmware.linear_terms import LinearTerms, has_integers, linear_terms
 from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, with_recorded_units
-from tiltcal.calibration.firmware.model_export import model_numbers
+from tiltcal.calibration.firmware.model_export import SensorModel, float_numbers, sensor_models
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.safe_text import plain
@@ -39,22 +34,28 @@ FOLDER = Path(__file__).parent
 
 
 def header(
-    calibration: Calibration, setup: Setup, name: str = "tiltcal", log: Recording | None = None
+    calibration: Calibration,
+    setup: Setup,
+    name: str = "tiltcal",
+    log: Recording | None = None,
+    *,
+    integers: bool = True,
 ) -> str:
     """The text of a C header.
 
     Args:
         calibration: with placing-angle tables of one sensor, or with terms that depend on one
-            reading and the temperature; bias, scale and axes, over temperature too, in integers
-            as well.
+            reading and the temperature.
         setup: it was made with.
         name: what every C name begins with.
         log: recording whose units are used. If not given they are those of the columns that the
             calibration was made from, or what the set-up states where it does not name them.
+        integers: whether it corrects in integers as well.
 
     Raises:
         TiltcalError: tables that differ in their angles, a smooth look-up, terms that C does not
-            have, or a name that is no C name.
+            have, a range over which integers have no bound or a reading stands for several inputs,
+            or a name that is no C name.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -73,16 +74,11 @@ def header(
         keep_trailing_newline=True,
     )
     setup = with_recorded_units(setup, calibration)
-    inclined = any(setup.named(n).kind == "inclinometer" for n in calibration.sensors())
     if calibration.bias_tables:
         template, numbers = "table.h.jinja", placing_numbers(calibration, setup, name, log)
-    elif not has_integers(calibration, setup):
-        template, numbers = "model.h.jinja", model_numbers(calibration, setup, name, log)
-    elif inclined:
-        template = "inclinometer.h.jinja"
-        numbers = inclinometer_numbers(calibration, setup, log)
     else:
-        template, numbers = "linear.h.jinja", _linear_numbers(linear_terms(calibration, setup, log))
+        template = "model.h.jinja"
+        numbers = model_numbers(calibration, setup, name, log, integers)
     return text.get_template(template).render(
         version=__version__,
         source=in_comment(str(calibration.provenance.get("recording", "a calibration"))),
@@ -93,21 +89,53 @@ def header(
     )
 
 
-def _linear_numbers(terms: LinearTerms) -> dict[str, Any]:
-    """What the template of linear terms needs."""
-    fixed, heat = fixed_sensors(terms)
-    found = float_numbers(terms) | {"fixed": [stated(s) for s in fixed]}
-    if heat is None or terms.memory is None:
+def model_numbers(
+    calibration: Calibration,
+    setup: Setup,
+    name: str,
+    log: Recording | None = None,
+    in_integers: bool = True,
+) -> dict[str, Any]:
+    """What the template of models needs.
+
+    Raises:
+        TiltcalError: see ``sensor_models`` and ``fixed_sensor``.
+    """
+    models = sensor_models(calibration, setup, log)
+    terms = temperature_terms(calibration, setup)
+    found = float_numbers(models, terms, name) | {"fixed": []}
+    if not in_integers:
         return found
-    lag = terms.memory.kind != "hysteresis"
+    fixed, heat = fixed_sensors(calibration, setup, models, name)
+    used = set[str]().union(*(s.used for s in fixed), {"gain"} if heat else set())
     return found | {
-        "heat": heat.numbers,
+        "fixed": [stated(s) for s in fixed],
+        "used": used,
+        "sine": SINE.coefficients,
+        "arctangent": ARCTANGENT.coefficients,
+        "decay": decay(),
         "rate_places": RATE_PLACES,
-        "state_places": STATE_PLACES,
-        "unit_places": UNIT_PLACES,
-        "memory_places": MEMORY_PLACES,
-        "memory_state_places": STATE_PLACES if lag else HYSTERESIS_PLACES,
+        "heat": None if heat is None else heat.numbers,
     }
+
+
+def fixed_sensors(
+    calibration: Calibration, setup: Setup, models: list[SensorModel], name: str = "tiltcal"
+) -> tuple[list[FixedSensor], FixedTemperature | None]:
+    """All sensors of a calibration in integers, and the temperature where it has one.
+
+    Args:
+        calibration: of these sensors.
+        setup: it was made with.
+        models: of the sensors.
+        name: what every C name begins with.
+
+    Raises:
+        TiltcalError: see ``fixed_sensor``.
+    """
+    terms = temperature_terms(calibration, setup)
+    heat = None if terms is None else fixed_temperature(terms, *temperature_range(calibration))
+    return [fixed_sensor(m, heat, name) for m in models], heat
 
 
 def in_comment(text: str) -> str:

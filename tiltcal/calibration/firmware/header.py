@@ -12,7 +12,13 @@ import numpy as np
 from tiltcal import __version__
 from tiltcal.calibration.correction import temperature_terms
 from tiltcal.calibration.firmware.fixed_functions import ARCTANGENT, RATE_PLACES, SINE, decay
-from tiltcal.calibration.firmware.fixed_model import FixedSensor, fixed_sensor, range_of, stated
+from tiltcal.calibration.firmware.fixed_model import (
+    STEEPEST,
+    FixedSensor,
+    fixed_sensor,
+    range_of,
+    stated,
+)
 from tiltcal.calibration.firmware.fixed_point import FixedMatrix, decimals, integers
 from tiltcal.calibration.firmware.fixed_temperature import (
     FixedTemperature,
@@ -145,7 +151,8 @@ def in_comment(text: str) -> str:
 
 
 WIDEST = 170.0  # deg, of a table that integers can be searched by their cross product
-WORST_UM = 4.0  # um/s2, of integers with interpolation; the tests hold it
+SHARE_BITS = 14  # of the share of a step, and of the sines at 1 g that it is the quotient of
+ROOT_UM = 2048  # um/s2: half the last of the leading digits of a root; see the template
 
 
 def placing_numbers(
@@ -154,7 +161,7 @@ def placing_numbers(
     """What the template of placing-angle tables needs.
 
     Errors:
-        Integers: 1 um/s2 (0.02 arcsec) of rounding; float: some 1e-6 m/s2.
+        Integers: see ``worst_um``; float: some 1e-6 m/s2.
 
     Raises:
         TiltcalError: tables that differ in their angles, or a smooth look-up.
@@ -164,11 +171,44 @@ def placing_numbers(
         "title": f"{name}: placing-angle bias tables",
         "passes": PASSES,
         **_numbers(corrector, name),
-        **_in_log_units(sensor, log_unit(sensor, log)),
+        **_in_log_units(sensor, log_unit(sensor, log), corrector),
     }
 
 
-def _in_log_units(sensor: Sensor, unit: LogUnit) -> dict[str, Any]:
+def worst_um(corrector: PlacingCorrector, of_reading: float, channels: int) -> float:
+    """Bound of the error of a corrected reading in integers, um/s2, by interpolation: with two
+    channels up to an inclination of ``STEEPEST``, with three wherever the tables hold.
+
+    Args:
+        corrector: with the tables.
+        of_reading: error of a reading, um/s2.
+        channels: of the sensor.
+    """
+    g, tables = corrector.gravity * 1e6, corrector.tables.values()
+    most = max(float(np.abs(t.values).max()) for t in tables) * 1e6
+    change = max(float(np.abs(np.diff(t.values)).max()) for t in tables) * 1e6
+    step = next(iter(tables)).step
+    along = 0.0  # error of the third component per error of the others, beyond its own rounding
+    across, root = STEEP * g, of_reading
+    if channels == 2:
+        # of the reading, where that of the corrected one is what the steepest inclination leaves
+        across = np.sqrt((g * np.cos(STEEPEST)) ** 2 - 2 * np.sqrt(2) * g * most)
+        root = ROOT_UM**2 / (2 * across) + 1
+        along = np.sqrt(2) * g / across
+    part = np.linspace(0, 1, 1001)
+    sines = np.sin(part * step), np.sin((1 - part) * step)
+    bent = float(np.abs(sines[0] / (sines[0] + sines[1]) - part).max())
+    # both sines are cut off, and their quotient
+    share = bent + 2 * g / (across * 2.0**SHARE_BITS) + 2.0**-SHARE_BITS
+    error = of_reading
+    for _ in range(PASSES):
+        turned = (error * (1 + along) + root) / across
+        # entries and their weighted mean are rounded
+        error = of_reading + change * (share + turned / step) + 1.0
+    return error
+
+
+def _in_log_units(sensor: Sensor, unit: LogUnit, corrector: PlacingCorrector) -> dict[str, Any]:
     """What turns readings of the log into m/s2 or um/s2, and the result back."""
     readings = range_of(sensor, unit)
     um = np.array([[unit.factor * 1e6]])
@@ -180,6 +220,7 @@ def _in_log_units(sensor: Sensor, unit: LogUnit) -> dict[str, Any]:
     outward = FixedMatrix.of(np.array([[1e-6 / unit.corrected_factor]]), np.zeros(1), largest, [0])
     places = {axis: sensor.axes.index(axis) for axis in "xyz" if axis in sensor.axes}
     shift = inward.shift + inward.places
+    worst = worst_um(corrector, inward.error + 0.5, len(sensor.axes))
     return {
         "sensor": sensor.name,
         "axes": sensor.axes,
@@ -193,7 +234,8 @@ def _in_log_units(sensor: Sensor, unit: LogUnit) -> dict[str, Any]:
         | {"zero": [integers(-z * um[0], shift)[0] for z in unit.zero]}
         | {"limit": f"{readings.limit:.6g}", "whole": readings.whole},
         "out": {"factor": outward.matrix[0][0], "shift": outward.shift, "places": outward.places},
-        "error": decimals(WORST_UM * 1e-6 / unit.corrected_factor + outward.error),
+        "error": decimals(worst * 1e-6 / unit.corrected_factor + outward.error),
+        "slanted": len(sensor.axes) == 2,
     }
 
 
@@ -267,6 +309,7 @@ def _numbers(corrector: PlacingCorrector, name: str) -> dict[str, Any]:
         "bias": [[repr(float(v)) for v in row] for row in rows],
         "bias_um": [[round(float(v) * 1e6) for v in row] for row in rows],
         "polynomial": _arctangent(),
+        "root_um": ROOT_UM,
         "root_bits": 2 * (round(g * 1e6).bit_length() - 13),
         "directions": _directions(table) if end_deg - start_deg < WIDEST else [],
         "rounded_condition": "1"

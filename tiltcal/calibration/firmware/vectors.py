@@ -151,15 +151,20 @@ def _there_and_back(calibration: Calibration, rng: np.random.Generator, rows: in
 def _within_tables(
     calibration: Calibration, sensor: Sensor, gravity: float, rng: np.random.Generator, rows: int
 ) -> dict[str, Array]:
-    """Readings of a level at placing angles that its tables hold."""
+    """Readings of a level at placing angles that its tables hold, up to ``STEEPEST``."""
     corrector = calibration.placing(sensor, gravity)
     held = {} if corrector is None else corrector.tables
-    betas = {}
+    ends = {}
     for axis in "xy":
         low, high = held[axis].range_deg if axis in held else (-45.0, 45.0)
-        betas[axis] = np.radians(rng.uniform(max(low, -80.0), min(high, 80.0), rows))
-    force = np.column_stack([-np.tan(betas["y"]), np.tan(betas["x"]), np.ones(rows)])
-    force *= gravity / np.linalg.norm(force, axis=1)[:, None]
+        ends[axis] = np.radians([max(low, -80.0), min(high, 80.0)])
+    force = np.zeros((0, 3))
+    while len(force) < rows:
+        betas = {a: rng.uniform(*ends[a], rows) for a in "xy"}
+        drawn = np.column_stack([-np.tan(betas["y"]), np.tan(betas["x"]), np.ones(rows)])
+        drawn *= gravity / np.linalg.norm(drawn, axis=1)[:, None]
+        force = np.concatenate([force, drawn[drawn[:, 2] >= gravity * np.cos(STEEPEST)]])
+    force = force[:rows]
     unit = log_unit(sensor)
     shown = force[:, ["xyz".index(axis) for axis in sensor.axes]]
     return _written(sensor, shown, unit, range_of(sensor, unit))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from cortex_m0 import Target
 from host import STRICT, compiler
 
 from tiltcal.calibration.firmware.fixed_temperature import READ_PLACES
@@ -73,6 +74,16 @@ class Case:
         done = subprocess.run([program], input=given, capture_output=True, check=False)
         assert (done.returncode, done.stderr) == (0, b""), done.stderr
         return np.frombuffer(done.stdout).reshape(-1, len(self.outputs))
+
+    def target(self) -> Target:
+        """The integers of it on a Cortex-M0, in the middle of 25 degC where it has a state."""
+        given = ("&state, " if self.thermal else "") + "in, "
+        given += f"in + {len(self.inputs) - 3}, " if self.forced else ""
+        warm = "{ (int64_t)25 << 40, (int64_t)25 << 40, 0 }"
+        state = f"static const {self.name}_fixed_state state = {warm};"
+        call = f"return {self.name}_{self.sensor}_fixed({given}f);"
+        call = f"{state}\n  {call}" if self.thermal else call
+        return Target(self.header, call, f"{self.name.upper()}_FIXED_ONLY")
 
     def compiled(self, fixed: bool, *flags: str) -> str:
         """The program, by the strict rules of C99."""

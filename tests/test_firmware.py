@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import ACCEL, FOG, GYRO, INCL, setup_of
+from cortex_m0 import COMPILER, EMULATOR, missing
 from firmware_vectors import C99, Case
 from host import compiler
 from scenario_files import refusal
@@ -450,6 +451,10 @@ def require_integers_within_their_error(found, sensor, folder, rows):
         places[-3:] = fixed.force.places
     whole = case.run(vectors, places, *UNDEFINED) * 2.0**-fixed.places
     assert np.abs(whole - expected).max() <= fixed.error < 1e-6 * size
+    wild = rng_of("any integer").choice([-(2**31), 2**31 - 1, -1, 0, 10**9], (400, len(places)))
+    columns = dict(zip(case.inputs, wild.T.astype(float), strict=True))
+    columns["temperature_degC"] = np.resize([-1e4, 1e4, 20.0], 400)
+    case.run(Recording.from_columns(np.arange(400.0), columns), 0, *UNDEFINED)
     (stated,) = re.findall(r"worst error of f.*: (\S+) ", comment_of(case))
     assert fixed.error <= float(stated) < 1.2 * fixed.error
 
@@ -496,6 +501,7 @@ def test_integers_of_five_terms_keep_their_error(seed, tmp_path):
 
 
 MANY = {
+    "bias, scale and axes": (ACCEL, ["bias_x", "scale_x", "scale_y", "cross_xy", "cross_zx"]),
     "sine, two axes": (accel(axes=("x", "y"), full_scale=20.0), ["K2_x", "K3_y", "cross_xz"]),
     "angle, two axes": (INCL, ["K2_x", "K3_y", "Kip_x", "scale_asym_y", "temp1_scale_x"]),
     "three axes": (ACCEL, ["K2_x", "K3_y", "Koq_z", "cross_zx", "Kpo_y", "temp2_bias_x"]),
@@ -510,6 +516,30 @@ def test_integers_keep_their_error_at_many_points(name, rows, tmp_path):
     sensor, names = MANY[name]
     found = with_terms(sensor, names, rng_of(f"many points {name}"))
     require_integers_within_their_error(found, sensor, tmp_path, rows)
+
+
+needs_cortex = pytest.mark.skipif(bool(missing(COMPILER)), reason=str(missing(COMPILER)))
+
+
+@needs_cortex
+@pytest.mark.parametrize("name", MANY)
+def test_a_cortex_m0_computes_what_the_host_does(name, tmp_path):
+    sensor, names = MANY[name]
+    case = case_of(with_terms(sensor, names, rng_of(f"many points {name}")), sensor, tmp_path)
+    target = case.target()
+    sizes = target.sizes()
+    assert 200 < sizes["flash"] < 8192
+    assert 50 < sizes["stack"] < 1024
+    if missing(EMULATOR):
+        pytest.skip(str(missing(EMULATOR)))
+    rows = rng_of("cortex").integers(-(2**30), 2**30, (5, len(case.inputs)))
+    found, cycles = target.run(rows, len(case.outputs))
+    assert 200 < cycles < 50_000
+    columns = dict(zip(case.inputs, rows.T.astype(float), strict=True))
+    columns["temperature_degC"] = np.full(5, 25.0)
+    log = Recording.from_columns(np.arange(5.0), columns)
+    whole = case.run(log, 0)
+    assert np.array_equal(found, whole)
 
 
 @needs_compiler

@@ -154,13 +154,13 @@ def _within_tables(
     """Readings of a level at placing angles that its tables hold, up to ``STEEPEST``."""
     corrector = calibration.placing(sensor, gravity)
     held = {} if corrector is None else corrector.tables
-    ends = {}
+    ends: dict[str, Array] = {}
     for axis in "xy":
         low, high = held[axis].range_deg if axis in held else (-45.0, 45.0)
         ends[axis] = np.radians([max(low, -80.0), min(high, 80.0)])
     force = np.zeros((0, 3))
     while len(force) < rows:
-        betas = {a: rng.uniform(*ends[a], rows) for a in "xy"}
+        betas = {a: rng.uniform(ends[a][0], ends[a][1], rows) for a in "xy"}
         drawn = np.column_stack([-np.tan(betas["y"]), np.tan(betas["x"]), np.ones(rows)])
         drawn *= gravity / np.linalg.norm(drawn, axis=1)[:, None]
         force = np.concatenate([force, drawn[drawn[:, 2] >= gravity * np.cos(STEEPEST)]])

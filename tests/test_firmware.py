@@ -104,7 +104,7 @@ def cases_of(found, vectors, folder):
     """One case a sensor, with its numbers."""
     (folder / "imu.h").write_text(header(found, stated_setup(found), "imu"))
     setup = with_recorded_units(stated_setup(found), found)
-    for fixed in fixed_sensors(found, setup, sensor_models(found, setup))[0]:
+    for fixed in fixed_sensors(found, setup)[0]:
         sensor, force, unit = fixed.model.sensor, fixed.model.force, fixed.model.unit
         name = sensor.name
         inputs = [f"{name}_{a}_{unit.written}" for a in sensor.axes]
@@ -338,20 +338,20 @@ def test_what_firmware_does_not_have_is_refused_in_words(tmp_path, capsys):
     with pytest.raises(TiltcalError, match=r"found acc_hysteresis, need terms that depend on one"):
         header(play, stated_setup(play))
     lean = calibration([INCL], {"incl": {"cross_xz": 0.3}})
-    with pytest.raises(TiltcalError, match=r"terms that change by up to .* of their input over"):
+    with pytest.raises(TiltcalError, match=r"terms that change by up to .* of their input, need"):
         header(lean, stated_setup(lean))
     jump = calibration([ACCEL], {"accel": {"bias_asym_x": 1e-3}})
-    with pytest.raises(TiltcalError, match="found a reading that jumps"):
+    with pytest.raises(TiltcalError, match="found a term with sign, need"):
         header(jump, stated_setup(jump))
     assert "bias_asym" not in header(jump, stated_setup(jump), integers=False)
     folded = calibration([ACCEL], {"accel": {"K2_x": 0.05}})
-    with pytest.raises(TiltcalError, match="found values that grow without a bound over readings"):
+    with pytest.raises(TiltcalError, match="found values that grow without a bound, need"):
         header(folded, stated_setup(folded))
     alone = calibration([GYRO], {"gyro": PULL})
     with pytest.raises(TiltcalError, match="no accelerometer triad"):
         header(alone, stated_setup(alone))
     wild = calibration([ACCEL], {"accel": {"temp1_scale_x": 0.05}}, HEAT)
-    with pytest.raises(TiltcalError, match=r"without a bound over .*, need changes below 0\.58"):
+    with pytest.raises(TiltcalError, match=r"a bound, need terms that change by less than 0\.58"):
         header(wild, stated_setup(wild))
     plain = calibration([ACCEL], {"accel": AXES})
     mixed = Recording.from_columns(
@@ -439,10 +439,8 @@ def test_any_list_of_terms_is_corrected_as_correct_does(sensor, which, seed, tmp
 def require_integers_within_their_error(found, sensor, folder, rows):
     """Compare doubles and integers with `correct`."""
     case, vectors = case_of(found, sensor, folder), firmware_vectors(found, rows=rows)
-    setup = stated_setup(found)
-    (fixed,) = fixed_sensors(
-        found, setup, [m for m in sensor_models(found, setup) if m.sensor.name == sensor.name]
-    )[0]
+    known = fixed_sensors(found, stated_setup(found))[0]
+    (fixed,) = (f for f in known if f.model.sensor.name == sensor.name)
     expected = np.column_stack([vectors.column(c) for c in case.outputs])
     size = np.abs(expected).max()
     assert np.abs(case.run(vectors, None, "-DIMU_DOUBLE") - expected).max() < 2e-13 * size
@@ -495,7 +493,8 @@ def test_integers_of_five_terms_keep_their_error(seed, tmp_path):
     sensor = KINDS[seed % len(KINDS)]
     names = [n for n in all_terms(sensor) if not n.startswith(JUMPS)]
     names = list(rng.choice(names, min(5, len(names)), replace=False))
-    memory = {"lag": 0.0, "hysteresis": 8.0} if seed % 2 else {}
+    memory = ({}, {"lag": 0.0, "hysteresis": 8.0}, {"lag": 0.0})[seed % 3]
+    names += [f"tempmem_{sensor.axes[0]}"] if seed % 4 == 0 else []
     found = with_terms(sensor, names, rng, **memory)
     require_integers_within_their_error(found, sensor, tmp_path, 2000)
 
@@ -540,6 +539,13 @@ def test_a_cortex_m0_computes_what_the_host_does(name, tmp_path):
     log = Recording.from_columns(np.arange(5.0), columns)
     whole = case.run(log, 0)
     assert np.array_equal(found, whole)
+
+
+@needs_compiler
+@pytest.mark.parametrize("size", [1e-40, 1e-25, 1e-12])
+def test_a_term_below_the_last_place_compiles(size, tmp_path):
+    found = calibration([ACCEL], {"accel": {"K3_x": size, "K2_x": 1e-4, "Kio_z": 1e-4}})
+    require_integers_within_their_error(found, ACCEL, tmp_path, 400)
 
 
 @needs_compiler

@@ -6,8 +6,8 @@ and sums are formed in 64 bits and rounded once.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from math import asin, hypot, inf, isfinite, pi, sqrt, tanh
-from typing import Any
+from math import asin, hypot, isfinite, pi, sqrt, tanh
+from typing import Any, cast
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from tiltcal.calibration.firmware.fixed_point import integers, places_for
 from tiltcal.calibration.firmware.traced import Node, Program
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
+from tiltcal.instrument.model import ROUNDS
 
 BITS = 31  # of a number besides its sign
 SATURATED = 22.0  # tanh of it is 1 to 2^-62
@@ -97,10 +98,11 @@ class FixedCode:
         if node.operation == "upright":
             return self._upright(given, node.value)
         if node.operation == "multiply" and node.arguments[0] == node.arguments[1]:
-            squared = self.multiply(*given)
-            least = 0.0 if given[0].low < 0 < given[0].high else min(map(abs, _ends(given[0]))) ** 2
-            return replace(squared, low=least)
-        return RULES[node.operation](self, *given)
+            return replace(self._multiply(*given), low=_least(given[0]) ** 2)
+        rule = getattr(self, f"_{node.operation}", None)
+        if rule is None:
+            raise no_integers(f"a term with {node.operation}")
+        return cast(FixedNumber, rule(*given))
 
     def constant(self, value: float) -> FixedNumber:
         """A constant, to 31 bits."""
@@ -109,85 +111,49 @@ class FixedCode:
         error = abs(value - whole * 2.0**-places)
         return FixedNumber(f"({whole})", value, value, places, error, np.zeros(self.k))
 
-    def multiply(self, a: FixedNumber, b: FixedNumber) -> FixedNumber:
-        """The product."""
+    def scaled(self, a: FixedNumber, factor: float) -> FixedNumber:
+        """A number times a constant."""
+        return self._multiply(a, self.constant(factor))
+
+    def _multiply(self, a: FixedNumber, b: FixedNumber) -> FixedNumber:
         low, high = _extremes(x * y for x in _ends(a) for y in _ends(b))
         error = a.size * b.error + b.size * a.error + a.error * b.error
         slope = a.size * b.slope + b.size * a.slope
         expression = f"(int64_t){a.name} * {b.name}"
         return self._written(low, high, expression, a.places + b.places, error, slope)
 
-    def add(self, a: FixedNumber, b: FixedNumber, sign: int = 1) -> FixedNumber:
-        """The sum, or with sign -1 the difference."""
+    def _add(self, a: FixedNumber, b: FixedNumber, sign: int = 1) -> FixedNumber:
         low, high = _extremes(x + sign * y for x in _ends(a) for y in _ends(b))
         places = places_for(max(abs(low), abs(high)), BITS)
         # in 64 bits, with as many places as leave room for both
         common = min(max(a.places, b.places), min(a.places, b.places) + 30, places + 30)
         error = a.error + b.error
-        parts = []
-        for number in (a, b):
-            parts.append(self._with_places(f"(int64_t){number.name}", number.places, common))
-            error += 2.0 ** (-common - 1) if number.places > common else 0.0
+        parts = [self._aligned(number, common) for number in (a, b)]
+        error += sum(_lost(number, common) for number in (a, b))
         expression = f"{parts[0]} {'+' if sign > 0 else '-'} {parts[1]}"
         return self._written(low, high, expression, common, error, a.slope + b.slope)
 
     def _subtract(self, a: FixedNumber, b: FixedNumber) -> FixedNumber:
-        return self.add(a, b, -1)
+        return self._add(a, b, -1)
 
     def _divide(self, a: FixedNumber, b: FixedNumber) -> FixedNumber:
-        if b.low == b.high:
-            return self.multiply(a, self.constant(1 / b.low))
-        least = min(map(abs, _ends(b)))
-        if b.low <= 0 <= b.high or least < 2.0**-b.places + b.error:
-            raise _no_integers("a quotient whose denominator may be zero")
-        low, high = _extremes(x / y for x in _ends(a) for y in _ends(b))
-        size = max(abs(low), abs(high))
-        shift = int(np.clip(places_for(size, BITS) - a.places + b.places, 0, 32))
-        error = (a.error + size * b.error) / (least - b.error) + 2.0 ** -(
-            a.places - b.places + shift
-        )
-        return self._stated(
-            low,
-            high,
-            f"(int32_t)((int64_t){a.name} * ((int64_t)1 << {shift}) / {b.name})",
-            a.places - b.places + shift,
-            error,
-            (a.slope + size * b.slope) / least,
-        )
+        if b.low != b.high:
+            raise no_integers("a quotient of two readings")
+        return self.scaled(a, 1 / b.low)
 
     def _negative(self, a: FixedNumber) -> FixedNumber:
         return replace(a, name=f"(-{a.name})", low=-a.high, high=-a.low)
 
     def _absolute(self, a: FixedNumber) -> FixedNumber:
-        low = 0.0 if a.low < 0 < a.high else min(map(abs, _ends(a)))
         text = f"{a.name} < 0 ? -{a.name} : {a.name}"
-        return self._stated(low, a.size, text, a.places, a.error, a.slope)
-
-    def _sign(self, a: FixedNumber) -> FixedNumber:
-        text = f"{a.name} > 0 ? {1 << 30} : {a.name} < 0 ? -{1 << 30} : 0"
-        crossed = a.low <= 0 <= a.high
-        error = 2.0 if crossed and a.error else 0.0
-        slope = np.where(a.slope > 0, inf if crossed else 0.0, 0.0)
-        return self._stated(-1.0, 1.0, text, 30, error, slope)
+        return self._stated(_least(a), a.size, text, a.places, a.error, a.slope)
 
     def _hypot(self, a: FixedNumber, b: FixedNumber) -> FixedNumber:
         common = min(a.places, b.places)
         squares, error = self._squares([a, b], common)
-        bound = hypot(a.size, b.size)
         rest = " + ".join(f"(uint64_t)({s})" for s in squares)
-        least = hypot(*(0.0 if n.low < 0 < n.high else min(map(abs, _ends(n))) for n in (a, b)))
-        return self._root(least, bound, rest, common, error, a.slope + b.slope)
-
-    def _sqrt(self, a: FixedNumber) -> FixedNumber:
-        places = places_for(sqrt(max(a.high, 0.0)), BITS)
-        shift = 2 * places - a.places
-        least = sqrt(max(a.low, 0.0))
-        steepest = 0.5 / least if least else inf
-        error = a.error * steepest if least else sqrt(a.error)
-        slope = np.where(a.slope > 0, a.slope * (1.0 if isfinite(steepest) else inf), 0.0)
-        slope = slope * steepest if isfinite(steepest) else slope
-        rest = f"(uint64_t)({a.name} > 0 ? {a.name} : 0) << {shift}"
-        return self._root(least, sqrt(max(a.high, 0.0)), rest, places, error, slope)
+        low, high = hypot(_least(a), _least(b)), hypot(a.size, b.size)
+        return self._root(low, high, rest, common, error, a.slope + b.slope)
 
     def _root(
         self, low: float, high: float, rest: str, places: int, error: float, slope: Array
@@ -199,13 +165,9 @@ class FixedCode:
 
     def _squares(self, given: list[FixedNumber], common: int) -> tuple[list[str], float]:
         """Squares in 64 bits with twice the common places, and the error of their root."""
-        names, error = [], 0.0
-        for number in given:
-            text = self._with_places(f"(int64_t){number.name}", number.places, common)
-            name = self._named("int64_t", text)
-            names.append(f"{name} * {name}")
-            error += number.error + (2.0 ** (-common - 1) if number.places > common else 0.0)
-        return names, error
+        names = [self._named("int64_t", self._aligned(n, common)) for n in given]
+        error = sum(n.error + _lost(n, common) for n in given)
+        return [f"{name} * {name}" for name in names], error
 
     def _upright(self, given: list[FixedNumber], g: float) -> FixedNumber:
         """Slopes are those of chords from a solution whose third component is ``steep`` or more:
@@ -231,13 +193,13 @@ class FixedCode:
 
     def _arctan2(self, a: FixedNumber, b: FixedNumber) -> FixedNumber:
         """Slopes are those of chords from a direction of length ``steep`` or more: what moves it
-        by less than that turns it by the arcsine of the quotient at most, else by pi / 2.
+        by less than that turns it by the arcsine of the quotient at most, else by pi.
         """
-        turned = min(float((a.slope + b.slope) @ self.wander) / self.steep, 1.0)
-        per = (asin(turned) / turned if turned else 1.0) / self.steep
+        turned = float((a.slope + b.slope) @ self.wander) / self.steep
+        per = (pi if turned >= 1 else asin(turned) / turned if turned else 1.0) / self.steep
         common = min(a.places, b.places)
-        sine, cosine = (self._with_places(f"(int64_t){n.name}", n.places, common) for n in (a, b))
-        moved = a.error + b.error + sum(2.0 ** (-common - 1) for n in (a, b) if n.places > common)
+        sine, cosine = (self._aligned(n, common) for n in (a, b))
+        moved = sum(n.error + _lost(n, common) for n in (a, b))
         self.used.add("phase")
         phase = f"{self.prefix}_phase((int32_t)({sine}), (int32_t)({cosine}))"
         (factor,) = integers(np.array(pi / 4), 31)  # a phase of 2^32 a turn as rad with 29 places
@@ -265,9 +227,9 @@ class FixedCode:
         self, name: str, low: float, high: float, places: int, error: float
     ) -> FixedNumber:
         """A number of the state, which has 64 bits, with its places and its error."""
-        own = places_for(max(abs(low), abs(high)), BITS)
-        text = f"(int32_t){self._shifted(name, places - own)}"
-        return self._stated(low, high, text, own, error + 2.0 ** (-own - 1), np.zeros(self.k))
+        if low == high:
+            return self.constant(low)
+        return self._written(low, high, name, places, error, np.zeros(self.k))
 
     def held(self, a: FixedNumber, limit: float) -> FixedNumber:
         """A number held to -limit ... limit."""
@@ -290,8 +252,8 @@ class FixedCode:
         """A number from an expression in 64 bits with its places."""
         bound = max(abs(low), abs(high))
         if not isfinite(bound) or bound > 2.0**62:
-            raise _no_integers("a value without a bound over the range")
-        own = places_for(bound, BITS)
+            raise no_integers("a value without a bound over the range")
+        own = min(places_for(bound, BITS), places + BITS)  # no more than the expression may have
         shift = places - own
         error += 2.0 ** (-own - 1) if shift > 0 else 0.0
         return self._stated(
@@ -308,33 +270,28 @@ class FixedCode:
         self.statements.append(f"const {kind} {name} = {text};")
         return name
 
-    def _with_places(self, text: str, places: int, wanted: int) -> str:
-        return text if places == wanted else self._shifted(text, places - wanted)
+    def _aligned(self, a: FixedNumber, places: int) -> str:
+        """A number in 64 bits with other places."""
+        text = f"(int64_t){a.name}"
+        return text if a.places == places else self._shifted(text, a.places - places)
 
     def _shifted(self, text: str, places: int) -> str:
         """An expression over 2^places, rounded to the nearest; all are below 2^62."""
         if places > 62:
-            return "0"
+            return f"(({text}) * 0)"
         if places > 0:
             return f"{self.prefix}_shifted({text}, {places})"
         return f"(({text}) * ((int64_t)1 << {-places}))" if places else f"({text})"
 
 
-RULES: dict[str, Any] = {
-    "add": FixedCode.add,
-    "subtract": FixedCode._subtract,
-    "multiply": FixedCode.multiply,
-    "divide": FixedCode._divide,
-    "hypot": FixedCode._hypot,
-    "arctan2": FixedCode._arctan2,
-    "negative": FixedCode._negative,
-    "absolute": FixedCode._absolute,
-    "tanh": FixedCode._tanh,
-    "sin": FixedCode._sin,
-    "cos": FixedCode._cos,
-    "sqrt": FixedCode._sqrt,
-    "sign": FixedCode._sign,
-}
+def _lost(a: FixedNumber, places: int) -> float:
+    """What rounding a number to these places adds to its error."""
+    return 2.0 ** (-places - 1) if a.places > places else 0.0
+
+
+def _least(a: FixedNumber) -> float:
+    """The smallest absolute value."""
+    return 0.0 if a.low < 0 < a.high else min(map(abs, _ends(a)))
 
 
 def _ends(a: FixedNumber) -> tuple[float, float]:
@@ -346,10 +303,12 @@ def _extremes(values: Any) -> tuple[float, float]:
     return min(found), max(found)
 
 
-def _no_integers(what: str) -> TiltcalError:
+def no_integers(found: str, sensor: str = "") -> TiltcalError:
+    """The error for terms that integers do not have. sensor: whose readings have what was found."""
+    changed = 2.0 ** (-BITS / ROUNDS)  # halves the last place within the rounds
     return TiltcalError(
-        "firmware in integers",
-        found=what,
-        need="terms with a bound over the range of the readings",
-        do="state a smaller full_scale of the sensor in the scenario, or export with --no-integers",
+        "firmware in integers" + (sensor and f", sensor {sensor}"),
+        found=found,
+        need=f"terms that change by less than {changed:.2g} of their input: one for each reading",
+        do="export with --no-integers, or state a smaller full_scale of the sensor in the scenario",
     )

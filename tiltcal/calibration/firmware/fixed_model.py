@@ -12,14 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.calibration.firmware.fixed_code import FixedCode, FixedNumber
+from tiltcal.calibration.firmware.fixed_code import FixedCode, FixedNumber, no_integers
 from tiltcal.calibration.firmware.fixed_functions import PHASE_ERROR, SINE_ERROR, TURN
 from tiltcal.calibration.firmware.fixed_point import FixedMatrix, decimals, integers, places_for
 from tiltcal.calibration.firmware.fixed_temperature import STATE_PLACES, FixedTemperature
 from tiltcal.calibration.firmware.log_units import LogUnit
 from tiltcal.calibration.firmware.model_export import SensorModel
 from tiltcal.core.arrays import Array
-from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import G0
 from tiltcal.instrument.model import ROUNDS
 from tiltcal.setup.sensor import Sensor
@@ -190,7 +189,7 @@ def _within_itself(
     while True:
         size = inverse.size(beyond)
         if float(size.max()) > LARGEST * first:
-            raise _not_unique(m, "values that grow without a bound")
+            raise no_integers("values that grow without a bound", m.sensor.name)
         sized = replace(inputs, size=size)
         wander = 2 * np.abs(inverse.beyond) @ beyond  # two values of r differ by that
         code = FixedCode(m.beyond[0], sized.number, prefix, steep, wander)
@@ -239,7 +238,7 @@ class _Inputs:
         slope = np.eye(code.k)[channel]
         found = FixedNumber(f"x[{channel}]", -size, size, places, 0.0, slope)
         if self.unit != 1.0:
-            found = code.multiply(found, code.constant(self.unit))
+            found = code.scaled(found, self.unit)
         if "upright" in m.operations:  # |f| = g
             found = code.held(found, m.model.gravity)
         return found
@@ -254,8 +253,6 @@ def _bound(
         TiltcalError: the insertion does not converge within the rounds of `tiltcal correct`.
     """
     k = len(beyond)
-    if not all(np.isfinite(r.slope).all() for r in beyond):
-        raise _not_unique(m, "a reading that jumps")
     B = np.abs(inverse.beyond)
     Q = B @ np.array([r.slope for r in beyond])
     step = matrix.error + B @ np.array([r.error for r in beyond])
@@ -265,21 +262,11 @@ def _bound(
     while left.max() > small:
         left, rounds = Q @ left, rounds + 1
         if rounds > ROUNDS or not np.isfinite(left).all():
-            raise _not_unique(m, f"terms that change by up to {Q.max():.2g} of their input")
+            found = f"terms that change by up to {Q.max():.2g} of their input"
+            raise no_integers(found, m.sensor.name)
     if not rounds:
         return 0, float((step + left).max())
     return rounds, float((np.linalg.solve(np.eye(k) - Q, step) + left).max())
-
-
-def _not_unique(m: SensorModel, what: str) -> TiltcalError:
-    size = range_of(m.sensor, m.unit).limit
-    share = 2.0 ** (-31 / ROUNDS)
-    return TiltcalError(
-        f"firmware in integers, sensor {m.sensor.name}",
-        found=f"{what} over readings to {size:.4g} {m.unit.written}",
-        need=f"changes below {share:.2g}: one input for each reading, found in {ROUNDS} rounds",
-        do="state a smaller full_scale of the sensor in the scenario, or export with --no-integers",
-    )
 
 
 def _angles(
@@ -335,14 +322,9 @@ def stated(found: FixedSensor) -> dict[str, Any]:
         "k": len(m.axes),
         "name": m.sensor.name,
         "angle": m.is_angle,
-        "force": None,
+        "force": m.force and {"name": m.force[0].name, "unit": m.force[1].written},
     }
-    if m.force is not None and found.force is not None:
-        words["force"] = {
-            "name": m.force[0].name,
-            "unit": m.force[1].written,
-            "limit": f"{found.force.limit:.6g}",
-            "whole": found.force.whole,
-            "places": found.force.places,
-        }
+    if found.force is not None:
+        limit = f"{found.force.limit:.6g}"
+        words["force"] |= {"limit": limit, "whole": found.force.whole, "places": found.force.places}
     return words | found.numbers

@@ -1,6 +1,7 @@
 """Fixed-point numbers: a number x with n binary places is the integer x 2^n."""
 
 from dataclasses import dataclass
+from fractions import Fraction
 from math import ceil, frexp
 
 import numpy as np
@@ -17,17 +18,7 @@ def integers(values: Array, places: int) -> list[int]:
     """Values times 2^places, rounded; flat, exact whatever their size. values: of any shape, such
     as (n,).
     """
-    found = []
-    for value in np.ravel(values):
-        mantissa, exponent = frexp(float(value))
-        whole, shift = int(mantissa * 2**53), exponent - 53 + places
-        found.append(whole << shift if shift >= 0 else _rounded(whole, -shift))
-    return found
-
-
-def _rounded(whole: int, shift: int) -> int:
-    half = 1 << (shift - 1)
-    return (whole + half) >> shift if whole >= 0 else -((-whole + half) >> shift)
+    return [round(Fraction(float(v)) * Fraction(2) ** places) for v in np.ravel(values)]
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from tiltcal.calibration.firmware.fixed_temperature import (
     temperature_range,
 )
 from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, with_recorded_units
-from tiltcal.calibration.firmware.model_export import SensorModel, float_numbers, sensor_models
+from tiltcal.calibration.firmware.model_export import float_numbers, sensor_models
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.safe_text import plain
@@ -107,12 +107,11 @@ def model_numbers(
     Raises:
         TiltcalError: see ``sensor_models`` and ``fixed_sensor``.
     """
-    models = sensor_models(calibration, setup, log)
-    terms = temperature_terms(calibration, setup)
+    models, terms = sensor_models(calibration, setup, log), temperature_terms(calibration, setup)
     found = float_numbers(models, terms, name) | {"fixed": []}
     if not in_integers:
         return found
-    fixed, heat = fixed_sensors(calibration, setup, models, name)
+    fixed, heat = fixed_sensors(calibration, setup, name, log)
     used = set[str]().union(*(s.used for s in fixed), {"gain"} if heat else set())
     return found | {
         "fixed": [stated(s) for s in fixed],
@@ -126,21 +125,19 @@ def model_numbers(
 
 
 def fixed_sensors(
-    calibration: Calibration, setup: Setup, models: list[SensorModel], name: str = "tiltcal"
+    calibration: Calibration, setup: Setup, name: str = "tiltcal", log: Recording | None = None
 ) -> tuple[list[FixedSensor], FixedTemperature | None]:
     """All sensors of a calibration in integers, and the temperature where it has one.
 
     Args:
-        calibration: of these sensors.
-        setup: it was made with.
-        models: of the sensors.
-        name: what every C name begins with.
+        calibration, setup, name, log: see ``header``.
 
     Raises:
-        TiltcalError: see ``fixed_sensor``.
+        TiltcalError: see ``sensor_models`` and ``fixed_sensor``.
     """
     terms = temperature_terms(calibration, setup)
     heat = None if terms is None else fixed_temperature(terms, *temperature_range(calibration))
+    models = sensor_models(calibration, setup, log)
     return [fixed_sensor(m, heat, name) for m in models], heat
 
 

@@ -97,9 +97,10 @@ class SensorModel:
             read = [program.input(f"force[{i}]") - float(unit.zero[i]) for i in range(3)]
             force = TracedRows([r * unit.factor for r in read])
         warm, memory = None, None
-        if self.model.temperature_terms(self.sensor) is not None:
+        terms = self.model.temperature_terms(self.sensor)
+        if terms is not None:
             warm = program.input("s->level") - (self.model.reference_degC or 0.0)
-            memory = program.input("s->memory")
+            memory = program.input("s->memory") if terms.memory.size else None
         like = Sense.at_rest(self.sensor, self.model.gravity, np.zeros((1, 3)))
         if self.sensor.kind == "fog":
             like = replace(like, input_vector=self.sensor.input_vector)

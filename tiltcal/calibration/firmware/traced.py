@@ -1,6 +1,7 @@
 """Terms as a computation: an effect is evaluated on traced numbers, which write it down."""
 
 from collections.abc import Callable
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,23 +10,10 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.sense import Sense
 
-OPERATIONS = {
-    np.add: "add",
-    np.subtract: "subtract",
-    np.multiply: "multiply",
-    np.true_divide: "divide",
-    np.hypot: "hypot",
-    np.arctan2: "arctan2",
-    np.negative: "negative",
-    np.abs: "absolute",
-    np.tanh: "tanh",
-    np.sin: "sin",
-    np.cos: "cos",
-    np.sqrt: "sqrt",
-    np.sign: "sign",
-}
-"""What is traced; in addition ``upright``, sqrt(g^2 - a^2 - ...) or 0, and ``share``, a / (a + c)
-of an ``a`` that is not negative and a constant c."""
+ARITHMETIC = {"add", "subtract", "multiply", "divide", "negative", "absolute"}
+OPERATIONS = ARITHMETIC | {"hypot", "arctan2", "sin", "cos", "tanh", "sqrt", "sign"}
+"""What is traced, as numpy names it; in addition ``upright``, sqrt(g^2 - a^2 - ...) or 0, and
+``share``, a / (a + c) of an ``a`` that is not negative and a constant c."""
 
 
 class Node(NamedTuple):
@@ -77,8 +65,7 @@ class Program:
         nodes = [a.node for a in arguments]
         values = [n.value if n.operation == "constant" else None for n in nodes]
         if None not in values:
-            function = next(f for f, name in OPERATIONS.items() if name == operation)
-            return self.constant(float(function(*values)))
+            return self.constant(float(getattr(np, operation)(*values)))
         neutral = {"multiply": 1.0, "divide": 1.0}.get(operation, 0.0)
         if operation in ("add", "subtract", "multiply", "divide") and values[1] == neutral:
             return arguments[0]
@@ -142,9 +129,9 @@ class Traced(np.lib.mixins.NDArrayOperatorsMixin):
             ufunc, inputs = np.power, (inputs[0], 2)
         if ufunc is np.power:
             return self._power(*inputs)
-        if ufunc not in OPERATIONS:
+        if ufunc.__name__ not in OPERATIONS:
             raise _no_code(ufunc.__name__)
-        return self.program.number(OPERATIONS[ufunc], *map(self._traced, inputs))
+        return self.program.number(ufunc.__name__, *map(self._traced, inputs))
 
     def __array_function__(
         self, function: Callable[..., Any], types: Any, inputs: Any, options: Any
@@ -160,10 +147,7 @@ class Traced(np.lib.mixins.NDArrayOperatorsMixin):
         count = int(exponent)
         if count != exponent or count < 0 or not isinstance(base, Traced):
             raise _no_code(f"power {exponent}")
-        found = self.program.constant(1.0)
-        for _ in range(count):
-            found = found * base
-        return found
+        return prod([base] * count, start=self.program.constant(1.0))
 
     def _traced(self, value: Any) -> "Traced":
         if isinstance(value, Traced):
@@ -191,10 +175,8 @@ class TracedRows:
 
     def __matmul__(self, vector: Array) -> Traced:
         """Sum of the columns, each times a number."""
-        return sum(
-            (c * float(v) for c, v in zip(self.columns[1:], vector[1:], strict=True)),
-            self.columns[0] * float(vector[0]),
-        )
+        parts = [c * float(v) for c, v in zip(self.columns, vector, strict=True)]
+        return sum(parts[1:], parts[0])
 
     def sum(self, axis: int) -> Traced:
         """Sum over the columns."""
@@ -227,21 +209,10 @@ class Unknown(np.lib.mixins.NDArrayOperatorsMixin):
     def __init__(self, what: str) -> None:
         self.what = what
 
-    def __array_ufunc__(self, *_: Any, **__: Any) -> Any:
-        """Refused."""
+    def _refuse(self, *_: Any, **__: Any) -> Any:
         raise _no_code(self.what)
 
-    def __array_function__(self, *_: Any, **__: Any) -> Any:
-        """Refused."""
-        raise _no_code(self.what)
-
-    def __getitem__(self, _: Any) -> Any:
-        """Refused."""
-        raise _no_code(self.what)
-
-    def __len__(self) -> int:
-        """Refused."""
-        raise _no_code(self.what)
+    __array_ufunc__ = __array_function__ = __getitem__ = __len__ = _refuse
 
 
 def traced_sense(

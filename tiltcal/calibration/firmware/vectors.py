@@ -8,12 +8,14 @@ import numpy as np
 from tiltcal.calibration.correction import correct_pieces, temperature_terms
 from tiltcal.calibration.firmware.fixed_model import STEEPEST, Range, range_of
 from tiltcal.calibration.firmware.fixed_temperature import READ_PLACES, temperature_range
-from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, with_recorded_units
+from tiltcal.calibration.firmware.log_units import log_unit, with_recorded_units
 from tiltcal.calibration.firmware.model_export import SensorModel, sensor_models
 from tiltcal.calibration.result import Calibration, setup_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import tilt_of_force
+from tiltcal.core.units import DEG
 from tiltcal.effects.sense import Sense
+from tiltcal.effects.sensor.dynamics import placing_angle
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
@@ -81,24 +83,17 @@ def _drawn(calibration: Calibration, setup: Setup, integers: bool, rows: int) ->
             given = replace(given, temperature=warm, temperature_memory=course.memory)
         columns |= _read(m, given, rng)
         for sensor in force:
-            upright = m.model.gravity * _directions(sensor, rng, rows)
-            columns |= _written(
-                sensor, upright, log_unit(sensor), range_of(sensor, log_unit(sensor))
-            )
+            columns |= _written(sensor, m.model.gravity * _directions(sensor, rng, rows))
     return Recording.from_columns(time, columns, source="test vectors")
 
 
 def _whole_range(sensor: Sensor, rng: np.random.Generator, rows: int) -> dict[str, Array]:
     """Readings of each axis: first the ends and the middle of the range in all combinations."""
-    unit = log_unit(sensor)
-    readings, names = (
-        range_of(sensor, unit),
-        [f"{sensor.name}_{a}_{unit.written}" for a in sensor.axes],
-    )
-    whole = rng.integers(-readings.whole, readings.whole, (rows, len(names)), endpoint=True)
-    ends = rng.permutation(list(product((-1, 0, 1), repeat=len(names))))[:rows]
+    readings = range_of(sensor, log_unit(sensor))
+    whole = rng.integers(-readings.whole, readings.whole, (rows, len(sensor.axes)), endpoint=True)
+    ends = rng.permutation(list(product((-1, 0, 1), repeat=len(sensor.axes))))[:rows]
     whole[: len(ends)] = readings.whole * ends
-    return {n: np.asarray(c * 2.0**-readings.places) for n, c in zip(names, whole.T, strict=True)}
+    return _columns(sensor, whole.astype(float), readings)
 
 
 def _read(m: SensorModel, given: Sense, rng: np.random.Generator) -> dict[str, Array]:
@@ -117,7 +112,7 @@ def _read(m: SensorModel, given: Sense, rng: np.random.Generator) -> dict[str, A
         values = rng.uniform(-FASTEST, FASTEST, (rows, len(sensor.axes)))
     if m.is_angle:
         values = tilt_of_force(values, gravity)
-    return _written(sensor, values, m.unit, range_of(sensor, m.unit))
+    return _written(sensor, values)
 
 
 def _directions(sensor: Sensor, rng: np.random.Generator, rows: int) -> Array:
@@ -154,24 +149,27 @@ def _within_tables(
     """Readings of a level at placing angles that its tables hold, up to ``STEEPEST``."""
     corrector = calibration.placing(sensor, gravity)
     held = {} if corrector is None else corrector.tables
-    ends: dict[str, Array] = {}
-    for axis in "xy":
-        low, high = held[axis].range_deg if axis in held else (-45.0, 45.0)
-        ends[axis] = np.radians([max(low, -80.0), min(high, 80.0)])
     force = np.zeros((0, 3))
+    level = sensor.model_copy(update={"axes": ("x", "y")})
     while len(force) < rows:
-        betas = {a: rng.uniform(ends[a][0], ends[a][1], rows) for a in "xy"}
-        drawn = np.column_stack([-np.tan(betas["y"]), np.tan(betas["x"]), np.ones(rows)])
-        drawn *= gravity / np.linalg.norm(drawn, axis=1)[:, None]
-        force = np.concatenate([force, drawn[drawn[:, 2] >= gravity * np.cos(STEEPEST)]])
-    force = force[:rows]
-    unit = log_unit(sensor)
-    shown = force[:, ["xyz".index(axis) for axis in sensor.axes]]
-    return _written(sensor, shown, unit, range_of(sensor, unit))
+        drawn = gravity * _directions(level, rng, rows)
+        inside = drawn[:, 2] > 0
+        for axis, table in held.items():
+            low, high = table.range_deg
+            inside &= np.abs(placing_angle(axis, drawn) / DEG - (low + high) / 2) < (high - low) / 2
+        force = np.concatenate([force, drawn[inside]])
+    return _written(sensor, force[:rows, ["xyz".index(axis) for axis in sensor.axes]])
 
 
-def _written(sensor: Sensor, values: Array, unit: LogUnit, readings: Range) -> dict[str, Array]:
+def _written(sensor: Sensor, values: Array) -> dict[str, Array]:
     """Values in SI, (n, k), as columns of whole integers with the places of the readings."""
+    unit = log_unit(sensor)
+    readings = range_of(sensor, unit)
     whole = np.round((values / unit.factor + unit.zero) * 2.0**readings.places)
-    names = [f"{sensor.name}_{axis}_{unit.written}" for axis in sensor.axes]
+    return _columns(sensor, whole, readings)
+
+
+def _columns(sensor: Sensor, whole: Array, readings: Range) -> dict[str, Array]:
+    """Whole integers, (n, k), as columns of the log."""
+    names = [f"{sensor.name}_{axis}_{log_unit(sensor).written}" for axis in sensor.axes]
     return {n: np.asarray(c * 2.0**-readings.places) for n, c in zip(names, whole.T, strict=True)}

@@ -296,6 +296,18 @@ def test_a_log_gives_the_units_and_the_vectors(tmp_path):
     assert got == pytest.approx(np.column_stack([vectors.column(c) for c in columns]), abs=1e-9)
 
 
+def test_the_command_leaves_integers_out(tmp_path, capsys):
+    calibration([ACCEL], {"accel": AXES | {"K2_x": 0.05}}).save(tmp_path / "CAL.json")
+    words = ["export", tmp_path / "CAL.json", "--vectors", tmp_path / "v.csv"]
+    message = refusal([*words, "-o", tmp_path / "no.h"], tmp_path, capsys)
+    assert "export with --no-integers" in message
+    assert not (tmp_path / "no.h").exists()
+    words += ["--no-integers", "-o", tmp_path / "imu.h"]
+    assert main([str(w) for w in words]) == 0
+    assert "int32_t" not in (tmp_path / "imu.h").read_text()
+    assert np.isfinite(read_recording(tmp_path / "v.csv").column("accel_x_corrected_m_s2")).all()
+
+
 @needs_compiler
 @pytest.mark.parametrize(("sensor", "unit"), [(ACCEL, "mg"), (accel(input=COUNTS), "g")])
 def test_the_columns_that_were_calibrated_give_the_units(sensor, unit, tmp_path):

@@ -44,9 +44,7 @@ def export(
         Path | None,
         Parameter(help="c: recording to write for tests: readings and their correction."),
     ] = None,
-    integers: Annotated[
-        bool, Parameter(help="c: correct in integers as well as in floating point.")
-    ] = True,
+    no_integers: Annotated[bool, Parameter(help="c: correct in floating point only.")] = False,
     output: Annotated[
         Path | None, Parameter(alias="-o", help="File to write; text goes to stdout if not given.")
     ] = None,
@@ -78,7 +76,7 @@ def export(
     if chosen == "sysid":
         text = _of_effects(file)
     elif chosen in _OF_CALIBRATION:
-        text = _of_calibration(chosen, file, name, log, vectors, integers)
+        text = _of_calibration(chosen, file, name, log, vectors, not no_integers)
     else:
         text = _of_noise(chosen, file, topic, calibration)
     if output is None:

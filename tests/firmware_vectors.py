@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from cortex_m0 import Target
 from host import STRICT, compiler
 
-from tiltcal.calibration.firmware.fixed_point import READ_PLACES
+from tiltcal.calibration.firmware.fixed_temperature import READ_PLACES
 from tiltcal.recordings.recording import Recording
 
 C99 = tuple("-std=c99" if flag.startswith("-std=") else flag for flag in STRICT)
@@ -17,23 +18,22 @@ HOST = """
 #include "{header}"
 int main(void)
 {{
-  double t, c, r[{inputs}], last = 0;
+  double row[2 + {inputs}], out[{outputs}], last = 0;
   int first = 1, n;
   {state}
-  while (scanf("%lf %lf", &t, &c) == 2) {{
+  while (fread(row, sizeof row, 1, stdin) == 1) {{
+    const double t = row[0], c = row[1];
     {real} in[{inputs}], f[{outputs}];
-    for (n = 0; n < {inputs}; n++) {{
-      if (scanf("%lf", &r[n]) != 1)
-        return 1;
-      in[n] = ({real})r[n];
-    }}
+    for (n = 0; n < {inputs}; n++)
+      in[n] = ({real})row[2 + n];
     {temperature}
     first = 0;
     last = t;
     {correct}
     for (n = 0; n < {outputs}; n++)
-      printf("%.17g ", (double)f[n]);
-    puts("");
+      out[n] = (double)f[n];
+    if (fwrite(out, sizeof out, 1, stdout) != 1)
+      return 1;
   }}
   return (first + (last > 0)) > 2;
 }}
@@ -69,11 +69,21 @@ class Case:
             rows, heat = np.round(rows * 2.0**places), np.round(heat * 2.0**READ_PLACES)
             time = np.round(time * 1e6)
         lines = np.column_stack([time, heat, rows])
-        text = "\n".join(" ".join(repr(float(v)) for v in line) for line in lines)
         program = self.compiled(places is not None, *flags)
-        done = subprocess.run([program], input=text, capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stderr) == (0, ""), done.stderr
-        return np.array([[float(v) for v in line.split()] for line in done.stdout.splitlines()])
+        given = np.ascontiguousarray(lines, dtype=float).tobytes()
+        done = subprocess.run([program], input=given, capture_output=True, check=False)
+        assert (done.returncode, done.stderr) == (0, b""), done.stderr
+        return np.frombuffer(done.stdout).reshape(-1, len(self.outputs))
+
+    def target(self) -> Target:
+        """The integers of it on a Cortex-M0, in the middle of 25 degC where it has a state."""
+        given = ("&state, " if self.thermal else "") + "in, "
+        given += f"in + {len(self.inputs) - 3}, " if self.forced else ""
+        warm = "{ (int64_t)25 << 40, (int64_t)25 << 40, 0 }"
+        state = f"static const {self.name}_fixed_state state = {warm};"
+        call = f"return {self.name}_{self.sensor}_fixed({given}f);"
+        call = f"{state}\n  {call}" if self.thermal else call
+        return Target(self.header, call, f"{self.name.upper()}_FIXED_ONLY")
 
     def compiled(self, fixed: bool, *flags: str) -> str:
         """The program, by the strict rules of C99."""

@@ -14,7 +14,7 @@ from firmware_vectors import Case
 from scenario_files import refusal
 from statistics_helpers import rng_of
 
-from tiltcal.calibration.firmware.fixed_linear import range_of
+from tiltcal.calibration.firmware.fixed_model import range_of
 from tiltcal.calibration.firmware.header import header
 from tiltcal.calibration.firmware.log_units import log_unit
 from tiltcal.calibration.firmware.vectors import firmware_vectors
@@ -33,12 +33,14 @@ needs_compiler = pytest.mark.skipif(
 )
 
 
-def calibration(lookup="interpolated", angles=range(91), axes="xy", **more):
-    """1 mg-sized biases every degree."""
-    sizes = {
-        "x": lambda b: 0.009 + 0.004 * np.cos(2 * b),
-        "y": lambda b: -0.006 + 0.008 * np.sin(3 * b),
-    }
+MILLI_G = {
+    "x": lambda b: 0.009 + 0.004 * np.cos(2 * b),
+    "y": lambda b: -0.006 + 0.008 * np.sin(3 * b),
+}
+
+
+def calibration(lookup="interpolated", angles=range(91), axes="xy", sizes=MILLI_G, **more):
+    """Biases of 1 mg by the placing angle, every degree."""
     tables = {
         f"accel.{a}": [
             {"angle_deg": k, "value": float(sizes[a](k * DEG)), "sigma": 1e-5, "unit": "m_s2"}
@@ -190,12 +192,34 @@ def test_readings_in_the_units_of_the_log_agree_with_correct(changes, tmp_path):
     assert np.abs(case.run(vectors, None) - expected).max() < 2e-6 * np.abs(expected).max()
     text = (tmp_path / "level.h").read_text()
     places = int(re.search(r"f: (\d+) places; worst error", text)[1])
-    stated = float(re.search(r"interpolated: (\S+) ", text)[1])
+    stated = float(re.search(r"worst error .*: (\S+) ", text)[1])
     flags = ("-fsanitize=undefined", "-fno-sanitize-recover=all")
     whole = case.run(vectors, range_of(sensor, unit).places, *flags)
     assert np.abs(whole * 2.0**-places - expected).max() < stated
     wild = {c: rng_of(c).choice([-(2**31), 2**31 - 1, 0], 400).astype(float) for c in inputs}
     assert len(case.run(Recording.from_columns(vectors.time, wild), 0, *flags)) == 400
+
+
+@needs_compiler
+@pytest.mark.parametrize("rows", [100_000, pytest.param(1_000_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("axes", [("x", "y"), ("x", "y", "z")])
+def test_integers_keep_their_error_down_to_the_steepest_inclination(axes, rows, tmp_path):
+    steep = {"x": lambda b: 0.02 - 0.05 * np.sin(b), "y": lambda b: 0.03 * np.cos(4 * b)}
+    setup = setup_of("placing", ACCEL.model_copy(update={"axes": axes}))
+    found = _with_setup(calibration(angles=range(-90, 79, 3), sizes=steep), setup)
+    (tmp_path / "level.h").write_text(header(found, setup, "level"))
+    vectors = firmware_vectors(found, rows=rows)
+    inputs = tuple(f"accel_{a}_m_s2" for a in axes)
+    outputs = tuple(f"accel_{a}_corrected_m_s2" for a in "xy")
+    case = Case(tmp_path / "level.h", "level", "accel", inputs, outputs)
+    expected = np.column_stack([vectors.column(c) for c in outputs])
+    slanted = np.sqrt(np.maximum(G**2 - (expected**2).sum(axis=1), 0)) < 0.3 * G
+    assert np.mean(slanted) > 0.05
+    text = (tmp_path / "level.h").read_text()
+    places = int(re.search(r"f: (\d+) places; worst error", text)[1])
+    stated = float(re.search(r"worst error .*: (\S+) m_s2", text)[1])
+    whole = case.run(vectors, range_of(setup.sensor[0], log_unit(setup.sensor[0])).places)
+    assert np.nanmax(np.abs(whole * 2.0**-places - expected)) < stated < 5e-5
 
 
 @needs_compiler

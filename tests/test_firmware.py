@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import ACCEL, FOG, GYRO, INCL, setup_of
+from cortex_m0 import COMPILER, EMULATOR, missing
 from firmware_vectors import C99, Case
 from host import compiler
 from scenario_files import refusal
@@ -19,11 +20,10 @@ from term_sizes import size_of
 
 from tiltcal.calibration.correction import correct_pieces
 from tiltcal.calibration.correction import setup_of as stated_setup
-from tiltcal.calibration.firmware.fixed_linear import fixed_sensors
-from tiltcal.calibration.firmware.header import header
-from tiltcal.calibration.firmware.inclinometer_export import readings_of
-from tiltcal.calibration.firmware.linear_terms import has_integers, linear_terms
-from tiltcal.calibration.firmware.log_units import log_unit
+from tiltcal.calibration.firmware.fixed_model import range_of
+from tiltcal.calibration.firmware.header import fixed_sensors, header
+from tiltcal.calibration.firmware.log_units import log_unit, with_recorded_units
+from tiltcal.calibration.firmware.model_export import sensor_models
 from tiltcal.calibration.firmware.vectors import firmware_vectors
 from tiltcal.calibration.methods.registry import _with_setup
 from tiltcal.calibration.result import calibration_from
@@ -103,13 +103,14 @@ CASES = {
 def cases_of(found, vectors, folder):
     """One case a sensor, with its numbers."""
     (folder / "imu.h").write_text(header(found, stated_setup(found), "imu"))
-    for fixed in fixed_sensors(linear_terms(found, stated_setup(found)))[0]:
-        s, force = fixed.terms, fixed.terms.force
-        name, unit = s.sensor.name, s.unit
-        inputs = [f"{name}_{a}_{unit.written}" for a in s.sensor.axes]
-        outputs = [f"{name}_{a}_corrected_{unit.corrected}" for a in s.sensor.axes]
+    setup = with_recorded_units(stated_setup(found), found)
+    for fixed in fixed_sensors(found, setup)[0]:
+        sensor, force, unit = fixed.model.sensor, fixed.model.force, fixed.model.unit
+        name = sensor.name
+        inputs = [f"{name}_{a}_{unit.written}" for a in sensor.axes]
+        outputs = [f"{name}_{a}_corrected_{unit.corrected}" for a in sensor.axes]
         if force is not None:
-            inputs += [f"{force.sensor.name}_{a}_{force.unit.written}" for a in "xyz"]
+            inputs += [f"{force[0].name}_{a}_{force[1].written}" for a in "xyz"]
         case = Case(
             folder / "imu.h",
             "imu",
@@ -139,7 +140,7 @@ def test_the_header_corrects_as_correct_does(name, tmp_path):
         error = np.abs(whole * 2.0**-fixed.places - expected).max()
         assert error <= fixed.error
         assert fixed.error < 1e-6 * size  # and the stated error is a small one
-        unit = fixed.terms.unit.corrected
+        unit = fixed.model.unit.corrected
         (stated,) = re.findall(rf"worst error of f.*: (\S+) {unit}$", comment_of(case), re.M)
         assert fixed.error <= float(stated) < 1.2 * fixed.error
 
@@ -183,7 +184,7 @@ def test_the_header_of_an_inclinometer_corrects_as_correct_does(name, tmp_path):
     assert np.abs(case.run(vectors, None) - expected).max() < 3e-6 * size
     places = int(re.search(r"f: (\d+) places", text)[1])
     stated = float(re.search(r"up to an inclination of 80 deg: (\S+) ", text)[1])
-    whole = case.run(vectors, readings_of(sensor).places, *UNDEFINED)
+    whole = case.run(vectors, range_of(sensor, unit).places, *UNDEFINED)
     error = np.abs(whole * 2.0**-places - expected).max()
     assert error <= stated < 1e-6 * size  # 0.03 arcsec and less
     rng = rng_of("steep and wild")
@@ -295,6 +296,18 @@ def test_a_log_gives_the_units_and_the_vectors(tmp_path):
     assert got == pytest.approx(np.column_stack([vectors.column(c) for c in columns]), abs=1e-9)
 
 
+def test_the_command_leaves_integers_out(tmp_path, capsys):
+    calibration([ACCEL], {"accel": AXES | {"K2_x": 0.05}}).save(tmp_path / "CAL.json")
+    words = ["export", tmp_path / "CAL.json", "--vectors", tmp_path / "v.csv"]
+    message = refusal([*words, "-o", tmp_path / "no.h"], tmp_path, capsys)
+    assert "export with --no-integers" in message
+    assert not (tmp_path / "no.h").exists()
+    words += ["--no-integers", "-o", tmp_path / "imu.h"]
+    assert main([str(w) for w in words]) == 0
+    assert "int32_t" not in (tmp_path / "imu.h").read_text()
+    assert np.isfinite(read_recording(tmp_path / "v.csv").column("accel_x_corrected_m_s2")).all()
+
+
 @needs_compiler
 @pytest.mark.parametrize(("sensor", "unit"), [(ACCEL, "mg"), (accel(input=COUNTS), "g")])
 def test_the_columns_that_were_calibrated_give_the_units(sensor, unit, tmp_path):
@@ -336,14 +349,21 @@ def test_what_firmware_does_not_have_is_refused_in_words(tmp_path, capsys):
     )
     with pytest.raises(TiltcalError, match=r"found acc_hysteresis, need terms that depend on one"):
         header(play, stated_setup(play))
-    lean = calibration([INCL], {"incl": {"cross_xz": 0.1}})
-    with pytest.raises(TiltcalError, match=r"a cross-axis term of 0\.1 from the axis that"):
+    lean = calibration([INCL], {"incl": {"cross_xz": 0.3}})
+    with pytest.raises(TiltcalError, match=r"terms that change by up to .* of their input, need"):
         header(lean, stated_setup(lean))
+    jump = calibration([ACCEL], {"accel": {"bias_asym_x": 1e-3}})
+    with pytest.raises(TiltcalError, match="found a term with sign, need"):
+        header(jump, stated_setup(jump))
+    assert "bias_asym" not in header(jump, stated_setup(jump), integers=False)
+    folded = calibration([ACCEL], {"accel": {"K2_x": 0.05}})
+    with pytest.raises(TiltcalError, match="found values that grow without a bound, need"):
+        header(folded, stated_setup(folded))
     alone = calibration([GYRO], {"gyro": PULL})
     with pytest.raises(TiltcalError, match="no accelerometer triad"):
         header(alone, stated_setup(alone))
     wild = calibration([ACCEL], {"accel": {"temp1_scale_x": 0.05}}, HEAT)
-    with pytest.raises(TiltcalError, match="need less than a half"):
+    with pytest.raises(TiltcalError, match=r"a bound, need terms that change by less than 0\.58"):
         header(wild, stated_setup(wild))
     plain = calibration([ACCEL], {"accel": AXES})
     mixed = Recording.from_columns(
@@ -377,9 +397,39 @@ def all_terms(sensor):
     return [n for n, cls in own.items() if cls.needs != "time"]
 
 
+SLOW = GYRO.model_copy(update={"full_scale": 5.0})
+TURNING = FOG.model_copy(update={"full_scale": 0.2})
 LISTS = [(sensor, "all", k) for k, sensor in enumerate((ACCEL, INCL, GYRO, FOG))]
 LISTS += [(accel(axes=("x", "y")), "all", 4), (accel(unit="mg", axes=("z", "x")), "all", 5)]
 LISTS += [((ACCEL, INCL, GYRO, FOG)[k % 4], "five", k) for k in range(6, 18)]
+
+
+def with_terms(sensor, names, rng, **shapes):
+    """A calibration of a sensor with plausible values of some terms."""
+    sensors = [sensor] if sensor.is_accelerometer else [ACCEL, sensor]
+    heat = {"T0": 21.0, "smoothing": 20.0, "lag": 300.0} | shapes
+    found = calibration(sensors, {sensor.name: drawn_terms(sensor, names, rng)}, heat)
+    return replace(found, parameters={n: replace(e, unit="1") for n, e in found.parameters.items()})
+
+
+def case_of(found, sensor, folder, **options):
+    """The header of a calibration of one sensor."""
+    setup = stated_setup(found)
+    (folder / "imu.h").write_text(header(found, setup, "imu", **options))
+    own, unit = sensor.name, log_unit(sensor)
+    (m,) = (m for m in sensor_models(found, setup) if m.sensor.name == own)
+    inputs = [f"{own}_{a}_{unit.written}" for a in sensor.axes]
+    inputs += [f"accel_{a}_{log_unit(ACCEL).written}" for a in "xyz"] if m.force else []
+    outputs = [f"{own}_{a}_corrected_{unit.corrected}" for a in sensor.axes]
+    return Case(
+        folder / "imu.h",
+        "imu",
+        own,
+        tuple(inputs),
+        tuple(outputs),
+        m.force is not None,
+        m.follows_temperature,
+    )
 
 
 @needs_compiler
@@ -389,37 +439,145 @@ def test_any_list_of_terms_is_corrected_as_correct_does(sensor, which, seed, tmp
     names = all_terms(sensor)
     if which == "five":
         names = list(rng.choice(names, min(5, len(names)), replace=False))
-    sensors = [sensor] if sensor.is_accelerometer else [ACCEL, sensor]
-    found = calibration(
-        sensors,
-        {sensor.name: drawn_terms(sensor, names, rng) | {k: 0.1 for k in ["K2_x"] if k in names}},
-        {"T0": 21.0, "smoothing": 20.0, "lag": 300.0},
-    )
-    found = replace(
-        found, parameters={n: replace(e, unit="1") for n, e in found.parameters.items()}
-    )
-    setup = stated_setup(found)
-    if has_integers(found, setup):
-        pytest.skip("has a header in integers as well")
-    vectors = firmware_vectors(found)
-    (tmp_path / "imu.h").write_text(header(found, setup, "imu"))
-    own = sensor.name
-    model = found.of_sensor(sensor, setup.site.gravity)
-    unit = log_unit(sensor)
-    inputs = [f"{own}_{a}_{unit.written}" for a in sensor.axes]
-    outputs = [f"{own}_{a}_corrected_{unit.corrected}" for a in sensor.axes]
-    forced = model.follows_force(sensor) is not None
-    warm = model.temperature_terms(sensor) is not None
-    inputs += [f"accel_{a}_{log_unit(ACCEL).written}" for a in "xyz"] if forced else []
-    case = Case(tmp_path / "imu.h", "imu", own, tuple(inputs), tuple(outputs), forced, warm)
-    expected = np.column_stack([vectors.column(c) for c in outputs])
+    found = with_terms(sensor, names, rng)
+    case = case_of(found, sensor, tmp_path, integers=False)
+    vectors = firmware_vectors(found, integers=False)
+    expected = np.column_stack([vectors.column(c) for c in case.outputs])
     size = np.abs(expected).max()
     assert np.abs(case.run(vectors, None, "-DIMU_DOUBLE") - expected).max() < 1e-12 * size
     assert np.abs(case.run(vectors, None) - expected).max() < 1e-5 * size
 
 
-def test_without_floating_point_a_model_is_no_header():
+def require_integers_within_their_error(found, sensor, folder, rows):
+    """Compare doubles and integers with `correct`."""
+    case, vectors = case_of(found, sensor, folder), firmware_vectors(found, rows=rows)
+    known = fixed_sensors(found, stated_setup(found))[0]
+    (fixed,) = (f for f in known if f.model.sensor.name == sensor.name)
+    expected = np.column_stack([vectors.column(c) for c in case.outputs])
+    size = np.abs(expected).max()
+    assert np.abs(case.run(vectors, None, "-DIMU_DOUBLE") - expected).max() < 2e-13 * size
+    places = np.full(len(case.inputs), fixed.readings.places)
+    if fixed.force is not None:
+        places[-3:] = fixed.force.places
+    whole = case.run(vectors, places, *UNDEFINED) * 2.0**-fixed.places
+    assert np.abs(whole - expected).max() <= fixed.error < 1e-6 * size
+    wild = rng_of("any integer").choice([-(2**31), 2**31 - 1, -1, 0, 10**9], (400, len(places)))
+    columns = dict(zip(case.inputs, wild.T.astype(float), strict=True))
+    columns["temperature_degC"] = np.resize([-1e4, 1e4, 20.0], 400)
+    case.run(Recording.from_columns(np.arange(400.0), columns), 0, *UNDEFINED)
+    (stated,) = re.findall(r"worst error of f.*: (\S+) ", comment_of(case))
+    assert fixed.error <= float(stated) < 1.2 * fixed.error
+
+
+KINDS = (
+    ACCEL,
+    INCL,
+    SLOW,
+    TURNING,
+    accel(axes=("x", "y")),
+    INCL.model_copy(update={"axes": ("x",)}),
+)
+JUMPS = "bias_asym_"  # without a width: its reading has no unique inverse
+EFFECTS = {
+    (k, terms_of(sensor.kind, sensor.axes)[n][0].id)
+    for k, sensor in enumerate(KINDS)
+    for n in all_terms(sensor)
+    if not n.startswith(JUMPS)
+}
+
+
+@needs_compiler
+@pytest.mark.parametrize(("k", "effect"), sorted(EFFECTS))
+def test_integers_of_every_effect_alone_keep_their_error(k, effect, tmp_path):
+    sensor = KINDS[k]
+    known = terms_of(sensor.kind, sensor.axes)
+    names = [n for n in all_terms(sensor) if known[n][0].id == effect]
+    rng = rng_of(f"alone in integers {k} {effect}")
+    names = list(rng.choice(names, min(5, len(names)), replace=False))
+    found = with_terms(sensor, names, rng)
+    require_integers_within_their_error(found, sensor, tmp_path, 2000)
+
+
+@needs_compiler
+@pytest.mark.parametrize("seed", range(24))
+def test_integers_of_five_terms_keep_their_error(seed, tmp_path):
+    rng = rng_of(f"five in integers {seed}")
+    sensor = KINDS[seed % len(KINDS)]
+    names = [n for n in all_terms(sensor) if not n.startswith(JUMPS)]
+    names = list(rng.choice(names, min(5, len(names)), replace=False))
+    memory = ({}, {"lag": 0.0, "hysteresis": 8.0}, {"lag": 0.0})[seed % 3]
+    names += [f"tempmem_{sensor.axes[0]}"] if seed % 4 == 0 else []
+    found = with_terms(sensor, names, rng, **memory)
+    require_integers_within_their_error(found, sensor, tmp_path, 2000)
+
+
+MANY = {
+    "bias, scale and axes": (ACCEL, ["bias_x", "scale_x", "scale_y", "cross_xy", "cross_zx"]),
+    "sine, two axes": (accel(axes=("x", "y"), full_scale=20.0), ["K2_x", "K3_y", "cross_xz"]),
+    "angle, two axes": (INCL, ["K2_x", "K3_y", "Kip_x", "scale_asym_y", "temp1_scale_x"]),
+    "three axes": (ACCEL, ["K2_x", "K3_y", "Koq_z", "cross_zx", "Kpo_y", "temp2_bias_x"]),
+    "gyro": (SLOW, ["gsens_xy", "g2sens_zz", "cubic_x", "scale_asym_y", "tempmem_z"]),
+}
+
+
+@needs_compiler
+@pytest.mark.parametrize("rows", [100_000, pytest.param(1_000_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", MANY)
+def test_integers_keep_their_error_at_many_points(name, rows, tmp_path):
+    sensor, names = MANY[name]
+    found = with_terms(sensor, names, rng_of(f"many points {name}"))
+    require_integers_within_their_error(found, sensor, tmp_path, rows)
+
+
+needs_cortex = pytest.mark.skipif(bool(missing(COMPILER)), reason=str(missing(COMPILER)))
+
+
+@needs_cortex
+@pytest.mark.parametrize("name", MANY)
+def test_a_cortex_m0_computes_what_the_host_does(name, tmp_path):
+    sensor, names = MANY[name]
+    case = case_of(with_terms(sensor, names, rng_of(f"many points {name}")), sensor, tmp_path)
+    target = case.target()
+    sizes = target.sizes()
+    assert 200 < sizes["flash"] < 8192
+    assert 50 < sizes["stack"] < 1024
+    if missing(EMULATOR):
+        pytest.skip(str(missing(EMULATOR)))
+    rows = rng_of("cortex").integers(-(2**30), 2**30, (5, len(case.inputs)))
+    found, cycles = target.run(rows, len(case.outputs))
+    assert 200 < cycles < 50_000
+    columns = dict(zip(case.inputs, rows.T.astype(float), strict=True))
+    columns["temperature_degC"] = np.full(5, 25.0)
+    log = Recording.from_columns(np.arange(5.0), columns)
+    whole = case.run(log, 0)
+    assert np.array_equal(found, whole)
+
+
+@needs_compiler
+@pytest.mark.parametrize("size", [1e-40, 1e-25, 1e-12])
+def test_a_term_below_the_last_place_compiles(size, tmp_path):
+    found = calibration([ACCEL], {"accel": {"K3_x": size, "K2_x": 1e-4, "Kio_z": 1e-4}})
+    require_integers_within_their_error(found, ACCEL, tmp_path, 400)
+
+
+@needs_compiler
+@pytest.mark.parametrize("sensor", [ACCEL, INCL])
+def test_integers_of_rounded_asymmetries_keep_their_error(sensor, tmp_path):
+    setup = setup_of("handheld", sensor)
+    effects = [
+        make_effect(name, {size: value, "width_unitless": 0.12}, setup, sensor=sensor.name)
+        for name, size, value in (
+            ("acc_bias_asym", "bias_asym_x_ug", 150.0),
+            ("acc_scale_asym", "scale_asym_y_ppm", 500.0),
+        )
+    ]
+    found = replace(calibration([sensor], {sensor.name: {"bias_x": 0.01}}), effects=effects)
+    require_integers_within_their_error(found, sensor, tmp_path, 4000)
+
+
+def test_a_header_without_integers_says_so():
     found = calibration([ACCEL], {"accel": AXES | {"K2_x": 1e-4}})
-    text = header(found, stated_setup(found), "imu")
+    text = header(found, stated_setup(found), "imu", integers=False)
     assert "K2_i f_i^2" in text
-    assert '#error "these terms have no version in integers"' in text
+    assert '#error "exported with --no-integers"' in text
+    assert "int32_t" not in text

@@ -14,6 +14,7 @@ ROOMS = (
     "information",
     "own_model",
     "placing",
+    "firmware",
     "designing",
     "accuracy",
     "draws",

@@ -44,6 +44,7 @@ def export(
         Path | None,
         Parameter(help="c: recording to write for tests: readings and their correction."),
     ] = None,
+    no_integers: Annotated[bool, Parameter(help="c: correct in floating point only.")] = False,
     output: Annotated[
         Path | None, Parameter(alias="-o", help="File to write; text goes to stdout if not given.")
     ] = None,
@@ -51,7 +52,7 @@ def export(
 ) -> int:
     """Export a calibration, noise, effects or a recording for other programs.
 
-    C99 header of bias, scale, axes, g-sensitivity and their temperature, or of
+    C99 header of any terms that depend on one reading and the temperature, or of
     placing-angle tables, in floating point and in integers, in the units of the
     log, without malloc.
 
@@ -75,7 +76,7 @@ def export(
     if chosen == "sysid":
         text = _of_effects(file)
     elif chosen in _OF_CALIBRATION:
-        text = _of_calibration(chosen, file, name, log, vectors)
+        text = _of_calibration(chosen, file, name, log, vectors, not no_integers)
     else:
         text = _of_noise(chosen, file, topic, calibration)
     if output is None:
@@ -90,7 +91,7 @@ def export(
 
 
 def _of_calibration(
-    chosen: str, file: Path, name: str, log: Path | None, vectors: Path | None
+    chosen: str, file: Path, name: str, log: Path | None, vectors: Path | None, integers: bool
 ) -> str:
     from tiltcal.calibration import autopilot_exports
 
@@ -99,22 +100,24 @@ def _of_calibration(
     found = load_instrument(file)
     print_verdict(found)
     if chosen == "c":
-        return _firmware(found, name, log, vectors)
+        return _firmware(found, name, log, vectors, integers)
     if chosen == "px4":
         return autopilot_exports.px4_parameters(found)
     return autopilot_exports.ardupilot_parameters(found)
 
 
-def _firmware(found: Calibration, name: str, log: Path | None, vectors: Path | None) -> str:
+def _firmware(
+    found: Calibration, name: str, log: Path | None, vectors: Path | None, integers: bool
+) -> str:
     from tiltcal.calibration.firmware.header import header
     from tiltcal.calibration.firmware.vectors import firmware_vectors
     from tiltcal.recordings.recording_files import read_recording
     from tiltcal.recordings.saving import write_recording
 
     recording = None if log is None else read_recording(log).require_increasing()
-    text = header(found, setup_of(found), name, recording)
+    text = header(found, setup_of(found), name, recording, integers=integers)
     if vectors is not None:
-        written = firmware_vectors(found, recording)
+        written = firmware_vectors(found, recording, integers=integers)
         write_recording(written, vectors)
         print_note(f"{vectors}: {len(written)} rows, readings and their correction")
     return text

@@ -3,7 +3,6 @@ temperatures, and the course of the temperature as these terms follow it.
 """
 
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -14,7 +13,6 @@ from tiltcal.effects.hysteresis_and_lag import recursion, rounded_play
 from tiltcal.effects.parameter import Parameter, Stage
 from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.sensor.environmental import GYROS
-from tiltcal.setup.sensor import Sensor
 
 SHORTEST = 1e-12  # s, of a time constant
 BIAS_ORDERS = 6  # powers of temperature in the bias: below this
@@ -138,27 +136,6 @@ class TemperatureTerms(RowWiseTerm):
                 return Memory(kind, self.value(kind))
         return Memory()
 
-    def coefficients(self, sensor: Sensor) -> tuple[Array, Array, Array]:
-        """Coefficients of each power of T - T0, from the first to the highest that is not zero.
-
-        Args:
-            sensor: on which they act.
-
-        Returns:
-            Of the bias, (n, k); of the sensitivity, (m, k, 3); and of the memory, (k,).
-        """
-        axes = sensor.axes
-        bias = np.array(
-            [[self.value(f"temp{n}_bias_{a}") for a in axes] for n in range(1, BIAS_ORDERS)]
-        )
-        slope = np.zeros((AXIS_ORDERS - 1, len(axes), 3))
-        for (n, i), j in product(np.ndindex(slope.shape[:2]), range(3)):
-            own = j == sensor.axis_indices[i]
-            term = f"scale_{axes[i]}" if own else f"cross_{axes[i]}{'xyz'[j]}"
-            slope[n, i, j] = self.value(f"temp{n + 1}_{term}")
-        memory = np.array([self.value(f"tempmem_{a}") for a in axes])
-        return _up_to_highest(bias), _up_to_highest(slope), memory
-
     def course(
         self, time: Array, temperature: Array, before: "TemperatureCourse | None" = None
     ) -> "TemperatureCourse":
@@ -201,12 +178,6 @@ def held(values: Array, start: float = np.nan) -> Array:
     place = np.searchsorted(known, np.arange(len(values)), side="right") - 1
     first = values[known[0]] if np.isnan(start) else start
     return np.where(place >= 0, values[known[np.maximum(place, 0)]], first)
-
-
-def _up_to_highest(rows: Array) -> Array:
-    """The rows up to the last that is not zero, (n, ...)."""
-    used = np.flatnonzero(rows.reshape(len(rows), -1).any(axis=1))
-    return rows[: used[-1] + 1] if len(used) else rows[:0]
 
 
 @dataclass

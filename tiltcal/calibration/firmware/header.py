@@ -10,22 +10,23 @@ from typing import Any
 import numpy as np
 
 from tiltcal import __version__
-from tiltcal.calibration.firmware.fixed_linear import fixed_sensors, range_of, stated
-from tiltcal.calibration.firmware.fixed_point import (
-    HYSTERESIS_PLACES,
-    MEMORY_PLACES,
-    RATE_PLACES,
-    STATE_PLACES,
-    UNIT_PLACES,
-    FixedMatrix,
-    decimals,
-    integers,
+from tiltcal.calibration.correction import temperature_terms
+from tiltcal.calibration.firmware.fixed_functions import ARCTANGENT, RATE_PLACES, SINE, decay
+from tiltcal.calibration.firmware.fixed_model import (
+    STEEPEST,
+    FixedSensor,
+    fixed_sensor,
+    range_of,
+    stated,
 )
-from tiltcal.calibration.firmware.inclinometer_export import inclinometer_numbers
-from tiltcal.calibration.firmware.linear_export import float_numbers
-from tiltcal.calibration.firmware.linear_terms import LinearTerms, has_integers, linear_terms
+from tiltcal.calibration.firmware.fixed_point import FixedMatrix, decimals, integers
+from tiltcal.calibration.firmware.fixed_temperature import (
+    FixedTemperature,
+    fixed_temperature,
+    temperature_range,
+)
 from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, with_recorded_units
-from tiltcal.calibration.firmware.model_export import model_numbers
+from tiltcal.calibration.firmware.model_export import float_numbers, sensor_models
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.safe_text import plain
@@ -39,22 +40,28 @@ FOLDER = Path(__file__).parent
 
 
 def header(
-    calibration: Calibration, setup: Setup, name: str = "tiltcal", log: Recording | None = None
+    calibration: Calibration,
+    setup: Setup,
+    name: str = "tiltcal",
+    log: Recording | None = None,
+    *,
+    integers: bool = True,
 ) -> str:
     """The text of a C header.
 
     Args:
         calibration: with placing-angle tables of one sensor, or with terms that depend on one
-            reading and the temperature; bias, scale and axes, over temperature too, in integers
-            as well.
+            reading and the temperature.
         setup: it was made with.
         name: what every C name begins with.
         log: recording whose units are used. If not given they are those of the columns that the
             calibration was made from, or what the set-up states where it does not name them.
+        integers: whether it corrects in integers as well.
 
     Raises:
         TiltcalError: tables that differ in their angles, a smooth look-up, terms that C does not
-            have, or a name that is no C name.
+            have, a range over which integers have no bound or a reading stands for several inputs,
+            or a name that is no C name.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -73,16 +80,11 @@ def header(
         keep_trailing_newline=True,
     )
     setup = with_recorded_units(setup, calibration)
-    inclined = any(setup.named(n).kind == "inclinometer" for n in calibration.sensors())
     if calibration.bias_tables:
         template, numbers = "table.h.jinja", placing_numbers(calibration, setup, name, log)
-    elif not has_integers(calibration, setup):
-        template, numbers = "model.h.jinja", model_numbers(calibration, setup, name, log)
-    elif inclined:
-        template = "inclinometer.h.jinja"
-        numbers = inclinometer_numbers(calibration, setup, log)
     else:
-        template, numbers = "linear.h.jinja", _linear_numbers(linear_terms(calibration, setup, log))
+        template = "model.h.jinja"
+        numbers = model_numbers(calibration, setup, name, log, integers)
     return text.get_template(template).render(
         version=__version__,
         source=in_comment(str(calibration.provenance.get("recording", "a calibration"))),
@@ -93,21 +95,50 @@ def header(
     )
 
 
-def _linear_numbers(terms: LinearTerms) -> dict[str, Any]:
-    """What the template of linear terms needs."""
-    fixed, heat = fixed_sensors(terms)
-    found = float_numbers(terms) | {"fixed": [stated(s) for s in fixed]}
-    if heat is None or terms.memory is None:
+def model_numbers(
+    calibration: Calibration,
+    setup: Setup,
+    name: str,
+    log: Recording | None = None,
+    in_integers: bool = True,
+) -> dict[str, Any]:
+    """What the template of models needs.
+
+    Raises:
+        TiltcalError: see ``sensor_models`` and ``fixed_sensor``.
+    """
+    models, terms = sensor_models(calibration, setup, log), temperature_terms(calibration, setup)
+    found = float_numbers(models, terms, name) | {"fixed": []}
+    if not in_integers:
         return found
-    lag = terms.memory.kind != "hysteresis"
+    fixed, heat = fixed_sensors(calibration, setup, name, log)
+    used = set[str]().union(*(s.used for s in fixed), {"gain"} if heat else set())
     return found | {
-        "heat": heat.numbers,
+        "fixed": [stated(s) for s in fixed],
+        "used": used,
+        "sine": SINE.coefficients,
+        "arctangent": ARCTANGENT.coefficients,
+        "decay": decay(),
         "rate_places": RATE_PLACES,
-        "state_places": STATE_PLACES,
-        "unit_places": UNIT_PLACES,
-        "memory_places": MEMORY_PLACES,
-        "memory_state_places": STATE_PLACES if lag else HYSTERESIS_PLACES,
+        "heat": None if heat is None else heat.numbers,
     }
+
+
+def fixed_sensors(
+    calibration: Calibration, setup: Setup, name: str = "tiltcal", log: Recording | None = None
+) -> tuple[list[FixedSensor], FixedTemperature | None]:
+    """All sensors of a calibration in integers, and the temperature where it has one.
+
+    Args:
+        calibration, setup, name, log: see ``header``.
+
+    Raises:
+        TiltcalError: see ``sensor_models`` and ``fixed_sensor``.
+    """
+    terms = temperature_terms(calibration, setup)
+    heat = None if terms is None else fixed_temperature(terms, *temperature_range(calibration))
+    models = sensor_models(calibration, setup, log)
+    return [fixed_sensor(m, heat, name) for m in models], heat
 
 
 def in_comment(text: str) -> str:
@@ -117,7 +148,8 @@ def in_comment(text: str) -> str:
 
 
 WIDEST = 170.0  # deg, of a table that integers can be searched by their cross product
-WORST_UM = 4.0  # um/s2, of integers with interpolation; the tests hold it
+SHARE_BITS = 14  # of the share of a step, and of the sines at 1 g that it is the quotient of
+ROOT_UM = 2048  # um/s2: half the last of the leading digits of a root; see the template
 
 
 def placing_numbers(
@@ -126,7 +158,7 @@ def placing_numbers(
     """What the template of placing-angle tables needs.
 
     Errors:
-        Integers: 1 um/s2 (0.02 arcsec) of rounding; float: some 1e-6 m/s2.
+        Integers: see ``worst_um``; float: some 1e-6 m/s2.
 
     Raises:
         TiltcalError: tables that differ in their angles, or a smooth look-up.
@@ -136,11 +168,44 @@ def placing_numbers(
         "title": f"{name}: placing-angle bias tables",
         "passes": PASSES,
         **_numbers(corrector, name),
-        **_in_log_units(sensor, log_unit(sensor, log)),
+        **_in_log_units(sensor, log_unit(sensor, log), corrector),
     }
 
 
-def _in_log_units(sensor: Sensor, unit: LogUnit) -> dict[str, Any]:
+def worst_um(corrector: PlacingCorrector, of_reading: float, channels: int) -> float:
+    """Bound of the error of a corrected reading in integers, um/s2, by interpolation: with two
+    channels up to an inclination of ``STEEPEST``, with three wherever the tables hold.
+
+    Args:
+        corrector: with the tables.
+        of_reading: error of a reading, um/s2.
+        channels: of the sensor.
+    """
+    g, tables = corrector.gravity * 1e6, corrector.tables.values()
+    most = max(float(np.abs(t.values).max()) for t in tables) * 1e6
+    change = max(float(np.abs(np.diff(t.values)).max()) for t in tables) * 1e6
+    step = next(iter(tables)).step
+    along = 0.0  # error of the third component per error of the others, beyond its own rounding
+    across, root = STEEP * g, of_reading
+    if channels == 2:
+        # of the reading, where that of the corrected one is what the steepest inclination leaves
+        across = np.sqrt((g * np.cos(STEEPEST)) ** 2 - 2 * np.sqrt(2) * g * most)
+        root = ROOT_UM**2 / (2 * across) + 1
+        along = np.sqrt(2) * g / across
+    part = np.linspace(0, 1, 1001)
+    sines = np.sin(part * step), np.sin((1 - part) * step)
+    bent = float(np.abs(sines[0] / (sines[0] + sines[1]) - part).max())
+    # both sines are cut off, and their quotient
+    share = bent + 2 * g / (across * 2.0**SHARE_BITS) + 2.0**-SHARE_BITS
+    error = of_reading
+    for _ in range(PASSES):
+        turned = (error * (1 + along) + root) / across
+        # entries and their weighted mean are rounded
+        error = of_reading + change * (share + turned / step) + 1.0
+    return error
+
+
+def _in_log_units(sensor: Sensor, unit: LogUnit, corrector: PlacingCorrector) -> dict[str, Any]:
     """What turns readings of the log into m/s2 or um/s2, and the result back."""
     readings = range_of(sensor, unit)
     um = np.array([[unit.factor * 1e6]])
@@ -152,6 +217,7 @@ def _in_log_units(sensor: Sensor, unit: LogUnit) -> dict[str, Any]:
     outward = FixedMatrix.of(np.array([[1e-6 / unit.corrected_factor]]), np.zeros(1), largest, [0])
     places = {axis: sensor.axes.index(axis) for axis in "xyz" if axis in sensor.axes}
     shift = inward.shift + inward.places
+    worst = worst_um(corrector, inward.error + 0.5, len(sensor.axes))
     return {
         "sensor": sensor.name,
         "axes": sensor.axes,
@@ -165,7 +231,8 @@ def _in_log_units(sensor: Sensor, unit: LogUnit) -> dict[str, Any]:
         | {"zero": [integers(-z * um[0], shift)[0] for z in unit.zero]}
         | {"limit": f"{readings.limit:.6g}", "whole": readings.whole},
         "out": {"factor": outward.matrix[0][0], "shift": outward.shift, "places": outward.places},
-        "error": decimals(WORST_UM * 1e-6 / unit.corrected_factor + outward.error),
+        "error": decimals(worst * 1e-6 / unit.corrected_factor + outward.error),
+        "slanted": len(sensor.axes) == 2,
     }
 
 
@@ -239,6 +306,7 @@ def _numbers(corrector: PlacingCorrector, name: str) -> dict[str, Any]:
         "bias": [[repr(float(v)) for v in row] for row in rows],
         "bias_um": [[round(float(v) * 1e6) for v in row] for row in rows],
         "polynomial": _arctangent(),
+        "root_um": ROOT_UM,
         "root_bits": 2 * (round(g * 1e6).bit_length() - 13),
         "directions": _directions(table) if end_deg - start_deg < WIDEST else [],
         "rounded_condition": "1"

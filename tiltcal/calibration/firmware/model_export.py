@@ -1,87 +1,177 @@
-"""Any list of terms that act row by row, in floating point, for the template."""
+"""Any list of terms that act row by row: what the instrument adds to its input, traced."""
 
-from dataclasses import replace
+import re
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from tiltcal.calibration.correction import temperature_terms
-from tiltcal.calibration.firmware.linear_export import row_of
-from tiltcal.calibration.firmware.log_units import log_unit, triad_with
-from tiltcal.calibration.firmware.traced import Program, Traced, TracedRows, traced_sense
+from tiltcal.calibration.firmware.float_code import float_code
+from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, triad_with
+from tiltcal.calibration.firmware.traced import Program, TracedRows, traced_sense
 from tiltcal.calibration.result import Calibration
+from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.base import TermEffect
 from tiltcal.effects.sense import Sense
 from tiltcal.instrument.model import ROUNDS, InstrumentModel
-from tiltcal.instrument.temperature import SHORTEST
+from tiltcal.instrument.temperature import SHORTEST, TemperatureTerms
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
 
-def model_numbers(
-    calibration: Calibration, setup: Setup, name: str, log: Recording | None = None
-) -> dict[str, Any]:
-    """What the template of models needs.
+@dataclass(frozen=True)
+class SensorModel:
+    """What one sensor reads: ``bias + M x + beyond(x)``, of its input x along its channels, SI.
+
+    Args:
+        sensor, unit: whose.
+        model: with its effects.
+        force: the triad whose force it follows, with the unit of its log; None: none.
+        follows_temperature: whether the header follows a temperature.
+    """
+
+    sensor: Sensor
+    unit: LogUnit
+    model: InstrumentModel
+    force: tuple[Sensor, LogUnit] | None
+    follows_temperature: bool
+
+    @property
+    def axes(self) -> list[int]:
+        """Index of the input of each channel."""
+        return [0] if self.sensor.kind == "fog" else list(self.sensor.axis_indices)
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether readings are elevations, whose sines are forces in g."""
+        return self.sensor.kind == "inclinometer"
+
+    @property
+    def bias(self) -> Array:
+        """SI, (k,)."""
+        return self.model.linear(self.sensor)[0]
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Of the sensitivity to the channels' own inputs, (k, k)."""
+        M = self.model.linear(self.sensor)[1]
+        return np.asarray(np.linalg.inv(M[:, self.axes]), dtype=float)
+
+    @cached_property
+    def beyond(self) -> tuple[Program, list[int]]:
+        """What each channel reads beyond its bias and its own channels, SI, as nodes of a
+        computation from the input ``x``, the reading ``force`` and the state ``s`` of the
+        temperature.
+        """
+        program, sensor = Program(), self.sensor
+        x: list[Any] = [program.constant(0.0)] * 3
+        for i in self.axes:
+            x[i] = program.input(f"x[{i}]")
+        if sensor.is_accelerometer and len(self.axes) == 2:
+            (missing,) = {0, 1, 2} - set(self.axes)
+            x[missing] = program.upright([x[i] for i in self.axes], self.model.gravity)
+        sense = self._sense(program, x)
+        M = self.model.linear(sensor)[1]
+        results = [program.constant(0.0)] * len(self.axes)
+        for missing in sorted(set(range(M.shape[1])) - set(self.axes)):
+            results = [
+                r + float(m) * x[missing] for r, m in zip(results, M[:, missing], strict=True)
+            ]
+        for effect in self.model.signal(sensor):
+            if isinstance(effect, TermEffect) and not effect.calibration_term:
+                for term, value in effect.sizes.items():
+                    channel, column = _column(effect, term, sense)
+                    if channel >= 0 and value:
+                        results[channel] = results[channel] + value * column
+        return program, [result.index for result in results]
+
+    def _sense(self, program: Program, x: list[Any]) -> Any:
+        """What the sensor senses, traced."""
+        force = None
+        if self.force is not None:
+            unit = self.force[1]
+            read = [program.input(f"force[{i}]") - float(unit.zero[i]) for i in range(3)]
+            force = TracedRows([r * unit.factor for r in read])
+        warm, memory = None, None
+        terms = self.model.temperature_terms(self.sensor)
+        if terms is not None:
+            warm = program.input("s->level") - (self.model.reference_degC or 0.0)
+            memory = program.input("s->memory") if terms.memory.size else None
+        like = Sense.at_rest(self.sensor, self.model.gravity, np.zeros((1, 3)))
+        if self.sensor.kind == "fog":
+            like = replace(like, input_vector=self.sensor.input_vector)
+            x = [x[0] * float(a) for a in self.sensor.input_vector]
+        return traced_sense(like, TracedRows(x), force, warm, memory)
+
+    @cached_property
+    def operations(self) -> set[str]:
+        """What computes ``beyond``."""
+        program, results = self.beyond
+        return {program.nodes[n].operation for n in program.needed(results)}
+
+    @property
+    def is_steep(self) -> bool:
+        """Whether the reading of a steep axis has no bound of its error: by an arcsine, a placing
+        angle or the axis that the instrument lacks.
+        """
+        return self.is_angle or bool(self.operations & {"upright", "arctan2"})
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether nothing lies beyond the bias and the channels' own inputs."""
+        program, results = self.beyond
+        return all(program.nodes[r] == program.constant(0.0).node for r in results)
+
+
+def sensor_models(
+    calibration: Calibration, setup: Setup, log: Recording | None = None
+) -> list[SensorModel]:
+    """The models of a calibration's sensors.
 
     Args:
         calibration: with terms that act row by row.
         setup: it was made with.
-        name: what every C name begins with.
         log: whose units are used; those that were calibrated if not given.
 
     Raises:
-        TiltcalError: an effect that remembers, or a sensor without the force that it follows.
+        TiltcalError: an effect that remembers, a sensor without the force that it follows, no
+            sensor, or a name that C does not allow.
     """
     sensors = [setup.named(n) for n in calibration.sensors()]
+    _require_sensors(calibration, sensors)
     terms = temperature_terms(calibration, setup)
-    found: dict[str, Any] = {"thermal": terms is not None, "rounds": ROUNDS}
-    if terms is not None:
-        found |= {
-            "kind": terms.memory.kind,
-            "memory": terms.memory.words(),
-            "size": repr(max(terms.memory.size, SHORTEST)),
-            "smoothing": repr(max(terms.value("smoothing"), SHORTEST)),
-        }
-    return found | {"sensors": [_sensor(calibration, s, setup, name, log) for s in sensors]}
+    found = []
+    for sensor in sensors:
+        model = calibration.of_sensor(sensor, setup.site.gravity)
+        _require_row_wise(model, sensor)
+        force = None
+        if model.follows_force(sensor) is not None:
+            triad = triad_with(sensor, setup)
+            force = triad, log_unit(triad, log)
+        found.append(SensorModel(sensor, log_unit(sensor, log), model, force, terms is not None))
+    return found
 
 
-def _sensor(
-    calibration: Calibration, sensor: Sensor, setup: Setup, name: str, log: Recording | None
-) -> dict[str, Any]:
-    """Numbers and statements of one sensor."""
-    model = calibration.of_sensor(sensor, setup.site.gravity)
-    _require_row_wise(model, sensor)
-    unit = log_unit(sensor, log)
-    bias, M = model.linear(sensor)
-    at = [0] if sensor.kind == "fog" else list(sensor.axis_indices)
-    missing = sorted({0, 1, 2} - set(at))
-    third = missing[0] if sensor.is_accelerometer and len(at) == 2 else None
-    force = _force(model, sensor, setup, log)
-    program = Program(f"{name}_real", f"{name.upper()}_FN")
-    results = _predicted(model, sensor, program, force is not None)
-    angle = sensor.kind == "inclinometer"
-    return {
-        "name": sensor.name,
-        "k": len(at),
-        "unit": unit.written,
-        "corrected_unit": unit.corrected,
-        "equation": model.equation(sensor),
-        "zero": row_of(unit.zero),
-        "factor": repr(float(unit.factor)),
-        "per_corrected": repr(float(1 / unit.corrected_factor)),
-        "bias": row_of(bias),
-        "inverse": [row_of(row) for row in np.linalg.inv(M[:, at])],
-        "at": at,
-        "third": third,
-        "angle": angle,
-        "g": repr(float(model.gravity)),
-        "size": repr(float(model.unit_input(sensor))),
-        "force": force,
-        "statements": program.needed(results),
-        "results": results,
-    }
+def _require_sensors(calibration: Calibration, sensors: list[Sensor]) -> None:
+    if not sensors:
+        raise TiltcalError(
+            f"calibration by {calibration.method}",
+            found="no sensor",
+            need="terms of a sensor",
+            do="calibrate one",
+        )
+    for sensor in sensors:
+        if not re.fullmatch(r"[A-Za-z0-9_]+", sensor.name):
+            raise TiltcalError(
+                f"sensor '{sensor.name}'",
+                found="a name that C does not allow",
+                need="letters, digits and _",
+                do="rename it in the scenario and calibrate again",
+            )
 
 
 def _require_row_wise(model: InstrumentModel, sensor: Sensor) -> None:
@@ -104,53 +194,6 @@ def _require_row_wise(model: InstrumentModel, sensor: Sensor) -> None:
         )
 
 
-def _force(
-    model: InstrumentModel, sensor: Sensor, setup: Setup, log: Recording | None
-) -> dict[str, Any] | None:
-    """The accelerometer triad whose force a rate sensor follows.
-
-    Raises:
-        TiltcalError: there is none.
-    """
-    if model.follows_force(sensor) is None:
-        return None
-    triad = triad_with(sensor, setup)
-    unit = log_unit(triad, log)
-    return {
-        "name": triad.name,
-        "unit": unit.written,
-        "zero": row_of(unit.zero),
-        "factor": repr(float(unit.factor)),
-    }
-
-
-def _predicted(
-    model: InstrumentModel, sensor: Sensor, program: Program, with_force: bool
-) -> list[str]:
-    """The reading of each channel as C, of inputs ``x``, ``force`` and the state ``s``."""
-    inputs = TracedRows([Traced(program, f"x[{i}]") for i in range(3)])
-    force = TracedRows([Traced(program, f"force[{i}]") for i in range(3)]) if with_force else None
-    warm, memory = None, None
-    if model.temperature_terms(sensor) is not None:
-        reference = program.constant(model.reference_degC or 0.0)
-        warm = program.number(f"s->level - {reference}")
-        memory = Traced(program, "s->memory")
-    like = Sense.at_rest(sensor, model.gravity, np.zeros((1, 3)))
-    if sensor.kind == "fog":
-        along = sensor.input_vector
-        inputs = TracedRows([Traced(program, "x[0]") * float(a) for a in along])
-        like = replace(like, input_vector=along)
-    sense = traced_sense(like, inputs, force, warm, memory)
-    results: list[Any] = [sense.true_input()[:, i] for i in range(len(sensor.axes))]
-    for effect in model.signal(sensor):
-        if isinstance(effect, TermEffect):
-            for term, value in effect.sizes.items():
-                channel, column = _column(effect, term, sense)
-                if channel >= 0 and value:
-                    results[channel] = results[channel] + value * column
-    return [result.name for result in results]
-
-
 def _column(effect: TermEffect, term: str, sense: Sense) -> tuple[int, Any]:
     """The traced column of a term, named where it has none."""
     try:
@@ -159,3 +202,54 @@ def _column(effect: TermEffect, term: str, sense: Sense) -> tuple[int, Any]:
         raise TiltcalError(
             f"firmware, {effect.address}", found=error.found, need=error.need, do=error.do
         ) from error
+
+
+def float_numbers(
+    models: list[SensorModel], terms: TemperatureTerms | None, name: str
+) -> dict[str, Any]:
+    """What the floating-point part of the template needs.
+
+    Args:
+        models: of the sensors.
+        terms: over temperature; None: none.
+        name: what every C name begins with.
+    """
+    found: dict[str, Any] = {"thermal": terms is not None}
+    if terms is not None:
+        found |= {
+            "kind": terms.memory.kind,
+            "memory": terms.memory.words(),
+            "size": repr(max(terms.memory.size, SHORTEST)),
+            "smoothing": repr(max(terms.value("smoothing"), SHORTEST)),
+        }
+    return found | {"sensors": [_float_sensor(m, name) for m in models]}
+
+
+def _float_sensor(m: SensorModel, name: str) -> dict[str, Any]:
+    statements, results = float_code(*m.beyond, name)
+    return {
+        "name": m.sensor.name,
+        "k": len(m.axes),
+        "unit": m.unit.written,
+        "corrected_unit": m.unit.corrected,
+        "equation": m.model.equation(m.sensor),
+        "zero": row_of(m.unit.zero),
+        "factor": repr(float(m.unit.factor)),
+        "per_corrected": repr(float(1 / m.unit.corrected_factor)),
+        "bias": row_of(m.bias),
+        "inverse": [row_of(row) for row in m.inverse],
+        "at": m.axes,
+        "third": m.sensor.is_accelerometer and len(m.axes) == 2,
+        "angle": m.is_angle,
+        "g": repr(float(m.model.gravity)),
+        "size": repr(float(m.model.unit_input(m.sensor))),
+        "force": m.force and {"name": m.force[0].name, "unit": m.force[1].written},
+        "rounds": 0 if m.is_linear else ROUNDS,
+        "statements": statements,
+        "results": results,
+    }
+
+
+def row_of(values: Array) -> list[str]:
+    """Numbers as C has them. values: (n,)."""
+    return [repr(float(v)) for v in values]

@@ -1,8 +1,8 @@
-"""Terms as C: an effect is evaluated on traced numbers, which write down what is computed."""
+"""Terms as a computation: an effect is evaluated on traced numbers, which write it down."""
 
-import re
 from collections.abc import Callable
-from typing import Any
+from math import prod
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,78 +10,116 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.sense import Sense
 
-BINARY = {
-    np.add: "({} + {})",
-    np.subtract: "({} - {})",
-    np.multiply: "({} * {})",
-    np.true_divide: "({} / {})",
-    np.hypot: "{{F}}(hypot)({}, {})",
-    np.arctan2: "{{F}}(atan2)({}, {})",
-}
-UNARY = {
-    np.negative: "(-{})",
-    np.abs: "{{F}}(fabs)({})",
-    np.tanh: "{{F}}(tanh)({})",
-    np.sin: "{{F}}(sin)({})",
-    np.cos: "{{F}}(cos)({})",
-    np.sqrt: "{{F}}(sqrt)({})",
-    np.sign: "({0} > 0 ? 1 : {0} < 0 ? -1 : ({{R}})0)",
-}
-"""C of each operation; ``{F}`` wraps the name of a function, ``{R}`` is the type of numbers."""
+ARITHMETIC = {"add", "subtract", "multiply", "divide", "negative", "absolute"}
+OPERATIONS = ARITHMETIC | {"hypot", "arctan2", "sin", "cos", "tanh", "sqrt", "sign"}
+"""What is traced, as numpy names it; in addition ``upright``, sqrt(g^2 - a^2 - ...) or 0, and
+``share``, a / (a + c) of an ``a`` that is not negative and a constant c."""
 
 
-WORD = re.compile(r"\bt\d+\b")
+class Node(NamedTuple):
+    """One number of a computation.
+
+    Args:
+        operation: one of ``OPERATIONS``, ``upright``, ``share``, ``input`` or ``constant``.
+        arguments: nodes that it is computed from.
+        value: of a constant; of ``upright``: g, m/s2.
+        name: of an input.
+    """
+
+    operation: str
+    arguments: tuple[int, ...] = ()
+    value: float = 0.0
+    name: str = ""
 
 
 class Program:
-    """Statements in the order of the computation; what is computed twice is written once.
+    """Nodes in the order of the computation; what is computed twice is one node."""
 
-    Args:
-        real: type of its numbers in C.
-        function: macro that gives a function its suffix.
-    """
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self._known: dict[Node, int] = {}
 
-    def __init__(self, real: str, function: str) -> None:
-        self.real, self.function = real, function
-        self.statements: list[str] = []
-        self._known: dict[str, str] = {}
+    def input(self, name: str) -> "Traced":
+        """What is given, such as ``x[0]``."""
+        return self._traced(Node("input", name=name))
 
-    def number(self, expression: str) -> "Traced":
-        """A number with this expression."""
-        expression = expression.format(F=self.function, R=self.real)
-        if expression not in self._known:
-            name = f"t{len(self._known)}"
-            self._known[expression] = name
-            self.statements.append(f"const {self.real} {name} = {expression};")
-        return Traced(self, self._known[expression])
+    def constant(self, value: float) -> "Traced":
+        """A constant."""
+        return self._traced(Node("constant", value=float(value)))
 
-    def needed(self, results: list[str]) -> list[str]:
-        """The statements that some results need."""
-        names = {name: expression for expression, name in self._known.items()}
-        used, open_ = set(), [word for r in results for word in WORD.findall(r)]
+    def upright(self, across: "list[Traced]", gravity: float) -> "Traced":
+        """The component that points up beside those across it, where the norm is g.
+
+        Args:
+            across: the others, m/s2.
+            gravity: m/s2.
+        """
+        return self._traced(Node("upright", tuple(a.index for a in across), gravity))
+
+    def number(self, operation: str, *arguments: "Traced") -> "Traced":
+        """A number computed from others; what needs no computation is simplified."""
+        known = self._simplified(operation, *arguments)
+        return known or self._traced(Node(operation, tuple(a.index for a in arguments)))
+
+    def _simplified(self, operation: str, *arguments: "Traced") -> "Traced | None":
+        nodes = [a.node for a in arguments]
+        values = [n.value if n.operation == "constant" else None for n in nodes]
+        if None not in values:
+            return self.constant(float(getattr(np, operation)(*values)))
+        neutral = {"multiply": 1.0, "divide": 1.0}.get(operation, 0.0)
+        if operation in ("add", "subtract", "multiply", "divide") and values[1] == neutral:
+            return arguments[0]
+        if operation in ("add", "multiply") and values[0] == neutral:
+            return arguments[1]
+        same = operation == "subtract" and arguments[0].index == arguments[1].index
+        if same or (operation == "multiply" and 0.0 in values):
+            return self.constant(0.0)
+        if operation == "hypot" and values[1] == 0:
+            return self.number("absolute", arguments[0])
+        if operation == "divide" and nodes[1].operation == "add":
+            a, c = nodes[1].arguments
+            if a == arguments[0].index and self.nodes[c].operation == "constant":
+                return self._traced(Node("share", (a, c)))
+        return None
+
+    def _traced(self, node: Node) -> "Traced":
+        if node not in self._known:
+            self._known[node] = len(self.nodes)
+            self.nodes.append(node)
+        return Traced(self, self._known[node])
+
+    def needed(self, results: list[int], opaque: str = "") -> list[int]:
+        """The nodes that some results need, in the order of the computation.
+
+        Args:
+            results: nodes.
+            opaque: operation that needs nothing.
+        """
+        used, open_ = set[int](), list(results)
         while open_:
-            name = open_.pop()
-            if name in names and name not in used:
-                used.add(name)
-                open_ += WORD.findall(names[name])
-        known = zip(self._known.values(), self.statements, strict=True)
-        return [statement for name, statement in known if name in used]
-
-    def constant(self, value: float) -> str:
-        """A constant in C."""
-        return f"({self.real}){value!r}"
+            index = open_.pop()
+            if index not in used:
+                used.add(index)
+                node = self.nodes[index]
+                open_ += node.arguments if node.operation != opaque else ()
+        return sorted(used)
 
 
 class Traced(np.lib.mixins.NDArrayOperatorsMixin):
-    """One row of a column: a number in C.
+    """One row of a column: a number of a computation.
 
     Args:
         program: that it is part of.
-        name: of the number, or its expression.
+        index: of its node.
     """
 
-    def __init__(self, program: Program, name: str) -> None:
-        self.program, self.name = program, name
+    def __init__(self, program: Program, index: int) -> None:
+        self.program, self.index = program, index
+
+    @property
+    def node(self) -> Node:
+        """What it is computed from."""
+        return self.program.nodes[self.index]
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> "Traced":
         """What numpy calls for an operation on it."""
@@ -91,11 +129,9 @@ class Traced(np.lib.mixins.NDArrayOperatorsMixin):
             ufunc, inputs = np.power, (inputs[0], 2)
         if ufunc is np.power:
             return self._power(*inputs)
-        names = [self._name_of(value) for value in inputs]
-        form = BINARY.get(ufunc) if len(names) == 2 else UNARY.get(ufunc)
-        if form is None:
+        if ufunc.__name__ not in OPERATIONS:
             raise _no_code(ufunc.__name__)
-        return self.program.number(form.format(*names))
+        return self.program.number(ufunc.__name__, *map(self._traced, inputs))
 
     def __array_function__(
         self, function: Callable[..., Any], types: Any, inputs: Any, options: Any
@@ -104,21 +140,18 @@ class Traced(np.lib.mixins.NDArrayOperatorsMixin):
         filled = {"ones_like": 1.0, "zeros_like": 0.0}.get(function.__name__)
         if filled is None:
             raise _no_code(function.__name__)
-        return Traced(self.program, self.program.constant(filled))
+        return self.program.constant(filled)
 
     def _power(self, base: Any, exponent: Any) -> "Traced":
         """A power by repeated multiplication: the exponent is a whole number."""
         count = int(exponent)
         if count != exponent or count < 0 or not isinstance(base, Traced):
             raise _no_code(f"power {exponent}")
-        found = Traced(self.program, self.program.constant(1.0)) if count == 0 else base
-        for _ in range(count - 1):
-            found = found * base
-        return found
+        return prod([base] * count, start=self.program.constant(1.0))
 
-    def _name_of(self, value: Any) -> str:
+    def _traced(self, value: Any) -> "Traced":
         if isinstance(value, Traced):
-            return value.name
+            return value
         return self.program.constant(float(np.asarray(value).item()))
 
 
@@ -142,10 +175,8 @@ class TracedRows:
 
     def __matmul__(self, vector: Array) -> Traced:
         """Sum of the columns, each times a number."""
-        return sum(
-            (c * float(v) for c, v in zip(self.columns[1:], vector[1:], strict=True)),
-            self.columns[0] * float(vector[0]),
-        )
+        parts = [c * float(v) for c, v in zip(self.columns, vector, strict=True)]
+        return sum(parts[1:], parts[0])
 
     def sum(self, axis: int) -> Traced:
         """Sum over the columns."""
@@ -178,21 +209,10 @@ class Unknown(np.lib.mixins.NDArrayOperatorsMixin):
     def __init__(self, what: str) -> None:
         self.what = what
 
-    def __array_ufunc__(self, *_: Any, **__: Any) -> Any:
-        """Refused."""
+    def _refuse(self, *_: Any, **__: Any) -> Any:
         raise _no_code(self.what)
 
-    def __array_function__(self, *_: Any, **__: Any) -> Any:
-        """Refused."""
-        raise _no_code(self.what)
-
-    def __getitem__(self, _: Any) -> Any:
-        """Refused."""
-        raise _no_code(self.what)
-
-    def __len__(self) -> int:
-        """Refused."""
-        raise _no_code(self.what)
+    __array_ufunc__ = __array_function__ = __getitem__ = __len__ = _refuse
 
 
 def traced_sense(

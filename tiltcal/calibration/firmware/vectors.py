@@ -1,156 +1,175 @@
 """Test vectors for firmware: readings, and what ``tiltcal correct`` makes of them."""
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
 
 from tiltcal.calibration.correction import correct_pieces, temperature_terms
-from tiltcal.calibration.firmware.fixed_linear import FixedSensor, Range, fixed_sensors, range_of
-from tiltcal.calibration.firmware.fixed_point import READ_PLACES
-from tiltcal.calibration.firmware.inclinometer_export import STEEPEST, readings_of
-from tiltcal.calibration.firmware.linear_terms import LinearTerms, has_integers, linear_terms
-from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, with_recorded_units
+from tiltcal.calibration.firmware.fixed_model import STEEPEST, Range, range_of
+from tiltcal.calibration.firmware.fixed_temperature import READ_PLACES, temperature_range
+from tiltcal.calibration.firmware.log_units import log_unit, with_recorded_units
+from tiltcal.calibration.firmware.model_export import SensorModel, sensor_models
 from tiltcal.calibration.result import Calibration, setup_of
 from tiltcal.core.arrays import Array
+from tiltcal.core.frames import tilt_of_force
+from tiltcal.core.units import DEG
+from tiltcal.effects.sense import Sense
+from tiltcal.effects.sensor.dynamics import placing_angle
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
 ROWS = 400
 FASTEST = 2.0  # rad/s
-SPAN = 30.0  # degC about T0
+EDGE = 12  # directions at the steepest inclination
 LONGEST_MS = 2000  # between readings
 
 
-def firmware_vectors(calibration: Calibration, log: Recording | None = None) -> Recording:
+def firmware_vectors(
+    calibration: Calibration,
+    log: Recording | None = None,
+    *,
+    integers: bool = True,
+    rows: int = ROWS,
+) -> Recording:
     """A recording with the corrected columns added.
 
     Args:
         calibration: with the set-up it was made with.
         log: whose first rows are used. If not given, readings are drawn over the whole range of
             the integers, and stand on whole integers; times on whole milliseconds.
+        integers: whether the header has them; without, readings are at |f| = g and at slow rates.
+        rows: how many.
 
     Raises:
         TiltcalError: the calibration cannot be exported, or the log lacks a sensor.
     """
     setup = with_recorded_units(setup_of(calibration), calibration)
-    given = _drawn(calibration, setup) if log is None else _first_rows(log)
+    given = (
+        _first_rows(log, rows) if log is not None else _drawn(calibration, setup, integers, rows)
+    )
     written: list[Recording] = []
     correct_pieces([given], calibration, written.append)
     return written[0]
 
 
-def _first_rows(log: Recording) -> Recording:
-    columns = {name: log.column(name)[:ROWS] for name in log.column_names}
-    return Recording.from_columns(log.time[:ROWS], columns, source=log.source)
+def _first_rows(log: Recording, rows: int) -> Recording:
+    columns = {name: log.column(name)[:rows] for name in log.column_names}
+    return Recording.from_columns(log.time[:rows], columns, source=log.source)
 
 
-def _drawn(calibration: Calibration, setup: Setup) -> Recording:
+def _drawn(calibration: Calibration, setup: Setup, integers: bool, rows: int) -> Recording:
     rng = np.random.default_rng(ROWS)
-    time = np.concatenate([[0], np.cumsum(rng.integers(1, LONGEST_MS, ROWS - 1))]) * 1e-3
+    time = np.concatenate([[0], np.cumsum(rng.integers(1, LONGEST_MS, rows - 1))]) * 1e-3
     columns: dict[str, Array] = {}
     if calibration.bias_tables:
         (sensor,) = (setup.named(n) for n in calibration.sensors())
-        columns |= _within_tables(calibration, sensor, setup.site.gravity, rng)
-    elif not has_integers(calibration, setup):
-        columns |= _plausible(calibration, setup, rng)
-    elif any(setup.named(n).kind == "inclinometer" for n in calibration.sensors()):
-        for name in calibration.sensors():
-            columns |= _inclined(setup.named(name), rng)
-    else:
-        terms = linear_terms(calibration, setup)
-        for fixed in fixed_sensors(terms)[0]:
-            columns |= _over_range(fixed, rng)
-        if terms.memory is not None:
-            columns["temperature_degC"] = _there_and_back(terms, rng)
+        columns |= _within_tables(calibration, sensor, setup.site.gravity, rng, rows)
+        return Recording.from_columns(time, columns, source="test vectors")
+    terms = temperature_terms(calibration, setup)
+    if terms is not None:
+        columns["temperature_degC"] = _there_and_back(calibration, rng, rows)
+        course = terms.course(time, columns["temperature_degC"])
+    for m in sensor_models(calibration, setup):
+        force = [] if m.force is None or m.force[0].name in calibration.sensors() else [m.force[0]]
+        if integers and not m.is_steep:
+            for sensor in [m.sensor, *force]:
+                columns |= _whole_range(sensor, rng, rows)
+            continue
+        given = Sense.at_rest(m.sensor, m.model.gravity, np.zeros((rows, 3)))
+        if terms is not None:
+            warm = course.level - calibration.value("temperature.T0")
+            given = replace(given, temperature=warm, temperature_memory=course.memory)
+        columns |= _read(m, given, rng)
+        for sensor in force:
+            columns |= _written(sensor, m.model.gravity * _directions(sensor, rng, rows))
     return Recording.from_columns(time, columns, source="test vectors")
 
 
-def _plausible(
-    calibration: Calibration, setup: Setup, rng: np.random.Generator
-) -> dict[str, Array]:
-    """Readings of all sensors at inclinations up to that of ``STEEPEST``, or at rates up to
-    ``FASTEST``, and temperatures about T0.
+def _whole_range(sensor: Sensor, rng: np.random.Generator, rows: int) -> dict[str, Array]:
+    """Readings of each axis: first the ends and the middle of the range in all combinations."""
+    readings = range_of(sensor, log_unit(sensor))
+    whole = rng.integers(-readings.whole, readings.whole, (rows, len(sensor.axes)), endpoint=True)
+    ends = rng.permutation(list(product((-1, 0, 1), repeat=len(sensor.axes))))[:rows]
+    whole[: len(ends)] = readings.whole * ends
+    return _columns(sensor, whole.astype(float), readings)
+
+
+def _read(m: SensorModel, given: Sense, rng: np.random.Generator) -> dict[str, Array]:
+    """What a sensor reads of directions of gravity, or of rates up to ``FASTEST``.
+
+    Args:
+        m: its model.
+        given: temperatures, of (n,) rows.
+        rng: draws the input.
     """
-    columns: dict[str, Array] = {}
-    for sensor in setup.sensor:
-        if sensor.kind == "inclinometer":
-            columns |= _inclined(sensor, rng)
-            continue
-        unit = log_unit(sensor)
-        values = rng.uniform(-FASTEST, FASTEST, (ROWS, len(sensor.axes)))
-        if sensor.is_accelerometer:
-            steep, around = rng.uniform(0, STEEPEST, ROWS), rng.uniform(0, 2 * np.pi, ROWS)
-            x, y = np.sin(steep) * np.cos(around), np.sin(steep) * np.sin(around)
-            up = np.column_stack([x, y, np.cos(steep)])
-            values = setup.site.gravity * up[:, list(sensor.axis_indices)]
-        for axis, column in zip(sensor.axes, values.T, strict=True):
-            columns[f"{sensor.name}_{axis}_{unit.written}"] = (
-                column / unit.factor + unit.zero[sensor.axes.index(axis)]
-            )
-    if temperature_terms(calibration, setup) is not None:
-        T0 = calibration.value("temperature.T0")
-        path = np.interp(np.linspace(0, 2, ROWS), [0, 1, 2], [-SPAN, SPAN, -SPAN])
-        columns["temperature_degC"] = T0 + path + rng.normal(0, 0.1, ROWS)
-    return columns
+    sensor, rows, gravity = m.sensor, len(given.time), m.model.gravity
+    if sensor.is_accelerometer:
+        given = replace(given, force=gravity * _directions(sensor, rng, rows))
+        values = m.model.predict(sensor, given)
+    else:
+        values = rng.uniform(-FASTEST, FASTEST, (rows, len(sensor.axes)))
+    if m.is_angle:
+        values = tilt_of_force(values, gravity)
+    return _written(sensor, values)
 
 
-def _over_range(fixed: FixedSensor, rng: np.random.Generator) -> dict[str, Array]:
-    s = fixed.terms
-    found = _columns(s.sensor, s.unit.written, fixed.readings, rng)
-    if s.force is not None and fixed.force is not None:
-        found |= _columns(s.force.sensor, s.force.unit.written, fixed.force, rng)
-    return found
+def _directions(sensor: Sensor, rng: np.random.Generator, rows: int) -> Array:
+    """Upward directions, (rows, 3): no axis steeper than ``STEEPEST``, and the one that the sensor
+    lacks within it from the vertical.
+    """
+    missing = sorted({0, 1, 2} - set(sensor.axis_indices))
+    around = 2 * np.pi * (np.arange(EDGE) + 0.25) / EDGE  # no axis level, where a reading may jump
+    rim = np.sin(STEEPEST) * np.column_stack([np.cos(around), np.sin(around)])
+    # the edge first: about the axis that is lacking, or about z
+    found = np.insert(rim, missing[0] if missing else 2, np.cos(STEEPEST), axis=1)
+    while len(found) < rows:
+        drawn = rng.normal(size=(2 * rows, 3))
+        drawn /= np.linalg.norm(drawn, axis=1)[:, None]
+        drawn[:, missing] = np.abs(drawn[:, missing])
+        flat = (np.abs(drawn) <= np.sin(STEEPEST)).all(axis=1)
+        if len(missing) == 1:
+            flat = drawn[:, missing[0]] >= np.cos(STEEPEST)
+        found = np.concatenate([found, drawn[flat]])
+    return found[:rows]
 
 
-def _columns(
-    sensor: Sensor, unit: str, readings: Range, rng: np.random.Generator
-) -> dict[str, Array]:
-    """Readings of each axis, the ends of the range first."""
-    found = {}
-    for axis in sensor.axes:
-        whole = rng.integers(-readings.whole, readings.whole, ROWS, endpoint=True)
-        whole[:2] = readings.whole * rng.permutation([-1, 1])
-        found[f"{sensor.name}_{axis}_{unit}"] = np.asarray(
-            whole * 2.0**-readings.places, dtype=float
-        )
-    return found
-
-
-def _there_and_back(terms: LinearTerms, rng: np.random.Generator) -> Array:
-    """Temperatures from the lowest to the highest and back, with noise, degC, (ROWS,)."""
-    path = np.interp(
-        np.linspace(0, 2, ROWS), [0, 1, 2], [terms.lowest, terms.highest, terms.lowest]
-    )
-    noisy = np.clip(path + rng.normal(0, 0.1, ROWS), terms.lowest, terms.highest)
+def _there_and_back(calibration: Calibration, rng: np.random.Generator, rows: int) -> Array:
+    """Temperatures from the lowest to the highest and back, with noise, degC, (rows,)."""
+    lowest, highest = temperature_range(calibration)
+    path = np.interp(np.linspace(0, 2, rows), [0, 1, 2], [lowest, highest, lowest])
+    noisy = np.clip(path + rng.normal(0, 0.1, rows), lowest, highest)
     return np.asarray(np.round(noisy * 2**READ_PLACES) / 2**READ_PLACES)
 
 
 def _within_tables(
-    calibration: Calibration, sensor: Sensor, gravity: float, rng: np.random.Generator
+    calibration: Calibration, sensor: Sensor, gravity: float, rng: np.random.Generator, rows: int
 ) -> dict[str, Array]:
-    """Readings of a level at placing angles that its tables hold."""
+    """Readings of a level at placing angles that its tables hold, up to ``STEEPEST``."""
     corrector = calibration.placing(sensor, gravity)
     held = {} if corrector is None else corrector.tables
-    betas = {}
-    for axis in "xy":
-        low, high = held[axis].range_deg if axis in held else (-45.0, 45.0)
-        betas[axis] = np.radians(rng.uniform(max(low, -80.0), min(high, 80.0), ROWS))
-    force = np.column_stack([-np.tan(betas["y"]), np.tan(betas["x"]), np.ones(ROWS)])
-    force *= gravity / np.linalg.norm(force, axis=1)[:, None]
+    force = np.zeros((0, 3))
+    level = sensor.model_copy(update={"axes": ("x", "y")})
+    while len(force) < rows:
+        drawn = gravity * _directions(level, rng, rows)
+        inside = drawn[:, 2] > 0
+        for axis, table in held.items():
+            low, high = table.range_deg
+            inside &= np.abs(placing_angle(axis, drawn) / DEG - (low + high) / 2) < (high - low) / 2
+        force = np.concatenate([force, drawn[inside]])
+    return _written(sensor, force[:rows, ["xyz".index(axis) for axis in sensor.axes]])
+
+
+def _written(sensor: Sensor, values: Array) -> dict[str, Array]:
+    """Values in SI, (n, k), as columns of whole integers with the places of the readings."""
     unit = log_unit(sensor)
-    shown = force[:, ["xyz".index(axis) for axis in sensor.axes]]
-    return _written(sensor, shown, unit, range_of(sensor, unit))
-
-
-def _inclined(sensor: Sensor, rng: np.random.Generator) -> dict[str, Array]:
-    """Readings of an inclinometer at inclinations up to that for which its error is stated."""
-    steep, around = rng.uniform(0, STEEPEST - 0.02, ROWS), rng.uniform(0, 2 * np.pi, ROWS)
-    up = np.sin(steep)[:, None] * np.column_stack([np.cos(around), np.sin(around)])
-    shown = np.arcsin(up[:, ["xy".index(axis) for axis in sensor.axes]])
-    return _written(sensor, shown, log_unit(sensor), readings_of(sensor))
-
-
-def _written(sensor: Sensor, values: Array, unit: LogUnit, readings: Range) -> dict[str, Array]:
-    """Values in SI, (ROWS, k), as columns of whole integers with the places of the readings."""
+    readings = range_of(sensor, unit)
     whole = np.round((values / unit.factor + unit.zero) * 2.0**readings.places)
-    names = [f"{sensor.name}_{axis}_{unit.written}" for axis in sensor.axes]
+    return _columns(sensor, whole, readings)
+
+
+def _columns(sensor: Sensor, whole: Array, readings: Range) -> dict[str, Array]:
+    """Whole integers, (n, k), as columns of the log."""
+    names = [f"{sensor.name}_{axis}_{log_unit(sensor).written}" for axis in sensor.axes]
     return {n: np.asarray(c * 2.0**-readings.places) for n, c in zip(names, whole.T, strict=True)}

@@ -180,3 +180,26 @@ def test_correct_names_a_channel_that_is_dead(tmp_path, capsys):
     words = ["correct", str(tmp_path / "CAL.json"), str(tmp_path / "dead.csv")]
     assert main([*words, "-o", str(tmp_path / "out.csv")]) == 0
     assert "accel_y_m_s2: constant throughout, dead or disconnected" in capsys.readouterr().err
+
+
+def test_means_of_poses_that_were_repeated_need_no_sigma(tmp_path):
+    """Four trials of six faces, one row each: their scatter is the noise of a mean."""
+    rng = rng_of("trials")
+    rows = ["label,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2"]
+    for _ in range(4):
+        for word, mean in zip(FACES, MEANS, strict=True):
+            read = mean + rng.normal(0, 2e-3, 3)
+            rows.append(f"{word},{','.join(repr(float(v)) for v in read)}")
+    (tmp_path / "trials.csv").write_text("\n".join(rows) + "\n")
+    table = read_log_or_means(tmp_path / "trials.csv")
+    assert isinstance(table, MeansTable)
+    found = calibrate("six_position", table, SETUP)
+    assert len(found.poses) == 24
+    assert found.verdict == "good"
+    # each axis up and down four times: 2e-3 m/s2 over g and the root of eight
+    assert found.parameters["accel.scale_x"].sigma == pytest.approx(2e-3 / G / np.sqrt(8), rel=0.4)
+    timed = [f"time_s,{rows[0]}", *(f"{60 * k},{row}" for k, row in enumerate(rows[1:]))]
+    (tmp_path / "timed.csv").write_text("\n".join(timed) + "\n")
+    again = calibrate("six_position", read_log_or_means(tmp_path / "timed.csv"), SETUP)
+    assert again.value("accel.scale_x") == found.value("accel.scale_x")
+    assert again.poses[-1].start_s == 23 * 60

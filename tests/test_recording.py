@@ -254,3 +254,20 @@ def test_an_error_keeps_its_parts_and_a_recording_its_short_name():
         "d",
     )
     assert stem("/some/where/run7.csv") == "run7.csv"
+
+
+@pytest.mark.parametrize(
+    ("stated", "unit", "read"),
+    [
+        ({}, "rad", np.radians([-20.0, 30.0])),
+        ({}, "arcsec", np.array([-72000.0, 108000.0])),
+        ({}, "deg", np.array([340.0, 30.0])),
+        ({"input": {"unit": "deg", "zero": 90, "per_deg": -1}}, "deg", np.array([110.0, 60.0])),
+    ],
+)
+def test_tilt_reads_alike_in_every_unit_and_convention(stated, unit, read):
+    sensor = Sensor.model_validate(
+        {"name": "incl", "kind": "inclinometer", "axes": ["x"], "rate_hz": 20.0, **stated}
+    )
+    made = Recording.from_columns(np.array([0.0, 1.0]), {f"incl_x_{unit}": read})
+    assert made.sensor(sensor).values[:, 0] == pytest.approx(np.radians([-20.0, 30.0]), abs=1e-12)

@@ -1,7 +1,10 @@
-"""A table of means with stated standard deviations instead of a log: one row a pose."""
+"""A table of means instead of a log: one row a pose, with stated standard deviations or with poses
+that were repeated.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +20,8 @@ from tiltcal.recordings.samples import Labels
 from tiltcal.setup.sensor import Sensor
 
 SIGMA = "sigma"
+LEAST_REPEATS = 3  # degrees of freedom of a scatter: fewer leave its size unknown by half
+ANGLE_PLACES = 3  # of an angle in the column's unit: a dial is set again to the same
 SPACING = 1.0  # s between the stamps that rows are given: only their order is known
 
 
@@ -32,29 +37,57 @@ class MeansTable(Recording):
     sigma: Mapping[str, Array] = field(default_factory=dict)
 
     def sigma_of(self, sensor: Sensor) -> Array:
-        """Standard deviations of a sensor's means, SI, (m, k).
+        """Standard deviations of a sensor's means, SI, (m, k): as stated, else the scatter of poses
+        that were repeated.
 
         Raises:
-            TiltcalError: none is stated for a channel.
+            TiltcalError: none is stated for a channel, and no pose was repeated.
         """
         found = []
         for axis in sensor.axes:
             names = (f"{sensor.name}_{axis}_{SIGMA}", f"{sensor.name}_{SIGMA}", SIGMA)
             stated = next((self.sigma[n] for n in names if n in self.sigma), None)
+            if stated is None:
+                stated = self._scatter(sensor, sensor.axes.index(axis))
             if stated is None or not np.all(stated > 0):
                 raise TiltcalError(
                     f"{self.source}, channel {sensor.name}_{axis}",
-                    found="no positive standard deviation",
-                    need=f"a column {sensor.name}_{SIGMA}_{sensor.column_unit}",
+                    found="no positive standard deviation, and no pose that was repeated",
+                    need=f"a column {sensor.name}_{SIGMA}_{sensor.column_unit}, or every pose"
+                    " several times",
                     do="state the standard deviation of each mean",
                 )
             found.append(stated)
         return np.column_stack(found)
 
+    def _scatter(self, sensor: Sensor, channel: int) -> Array | None:
+        """Pooled standard deviation of a channel over rows of the same pose, at each row, SI, (m,);
+        None where too few were repeated.
+        """
+        samples = self.sensor(sensor)
+        values = samples.values[:, channel]
+        poses = np.unique(self._poses()[samples.rows], return_inverse=True)[1]
+        known = ~np.isnan(values)
+        values, poses = values[known], poses[known]
+        counts = np.bincount(poses)
+        freedom = int(counts.sum() - np.sum(counts > 0))
+        if freedom < LEAST_REPEATS:
+            return None
+        means = np.bincount(poses, values) / np.maximum(counts, 1)
+        variance = float(np.sum((values - means[poses]) ** 2)) / freedom
+        return np.full(len(self), np.sqrt(variance))
+
+    def _poses(self) -> Labels:
+        """What every row says of its pose: label and angles, (m,)."""
+        columns = [n for n in self.column_names if n.startswith("table_")]
+        angles = [np.round(self.column(n), ANGLE_PLACES) for n in columns]
+        labels = np.full(len(self), None) if self.labels is None else self.labels
+        return np.array([str(row) for row in zip(labels, *angles, strict=True)])
+
 
 def read_log_or_means(path: Path | str) -> Recording:
-    """A recording, or a table of means: a CSV file without time_s but with columns of standard
-    deviations.
+    """A recording, or a table of means: a CSV file without time_s but with labels, angles or
+    columns of standard deviations; or one in which every row has another label than the one before.
 
     Raises:
         TiltcalError: it is neither.
@@ -67,7 +100,7 @@ def read_log_or_means(path: Path | str) -> Recording:
         return read_recording(path)
     columns, metadata = read_csv(path)
     sigmas = {name for name in columns if _is_sigma(name)}
-    if "time_s" in columns or not sigmas:
+    if not (_is_a_row_a_pose(columns) if "time_s" in columns else sigmas or _has_poses(columns)):
         return assemble(columns, metadata, path.name)
     rows = len(next(iter(columns.values())))
     stamps: dict[str, Array | Labels] = {"time_s": SPACING * np.arange(rows, dtype=float)}
@@ -82,6 +115,21 @@ def read_log_or_means(path: Path | str) -> Recording:
         plain.source,
         sigma={split_unit(n)[0]: _si(n, columns[n], path.name) for n in sorted(sigmas)},
     )
+
+
+def _has_poses(columns: Mapping[str, Array | Labels]) -> bool:
+    return "label" in columns or any(n.startswith("table_") for n in columns)
+
+
+def _is_a_row_a_pose(columns: Mapping[str, Array | Labels]) -> bool:
+    """Whether every row has a label, and another one than the row before: no log, whose dwells and
+    moves have rows enough to be found.
+    """
+    labels = columns.get("label")
+    if labels is None or labels.dtype != object or len(labels) < 2:
+        return False
+    words = [str(w).strip() if w is not None else "" for w in labels]
+    return all(words) and all(a != b for a, b in pairwise(words))
 
 
 def _is_sigma(name: str) -> bool:

@@ -85,7 +85,7 @@ def si_values(sensor: Sensor, names: Sequence[str], raw: Array, source: str) -> 
     """
     units = [split_unit(name)[1] for name in names]
     if sensor.input is not None and all(u == sensor.input.unit for u in units):
-        return sensor.input.to_si(raw)
+        return _turned_back(sensor, sensor.input.to_si(raw))
     factors = []
     for name, unit in zip(names, units, strict=True):
         known = COLUMN_UNITS[str(unit)]
@@ -102,4 +102,11 @@ def si_values(sensor: Sensor, names: Sequence[str], raw: Array, source: str) -> 
                 do=fix,
             )
         factors.append(known.factor)
-    return np.asarray(raw * np.array(factors))
+    return _turned_back(sensor, np.asarray(raw * np.array(factors)))
+
+
+def _turned_back(sensor: Sensor, values: Array) -> Array:
+    """Tilt that counts from 0 to 360 deg as it is: within half a turn of zero. values: SI."""
+    if sensor.kind != "inclinometer":
+        return values
+    return np.where(np.abs(values) > np.pi, np.remainder(values + np.pi, 2 * np.pi) - np.pi, values)

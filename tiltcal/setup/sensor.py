@@ -37,9 +37,11 @@ NonZero = Annotated[float, AfterValidator(_not_zero)]
 
 
 class Input(StrictTable):
-    """How raw readings (LSB, V, mA) become SI: ``value = (raw - zero) / per_unit``."""
+    """How readings become SI: ``value = (reading - zero) / per_unit``. Raw ones (LSB, V, mA), or
+    angles that count otherwise: a zenith angle has ``unit = "deg", zero = 90, per_deg = -1``.
+    """
 
-    unit: Literal["V", "mV", "mA", "LSB"]
+    unit: Literal["V", "mV", "mA", "LSB", "rad", "deg", "arcsec"]
     zero: float | tuple[float, ...] = 0.0
     per_m_s2: NonZero | None = None
     per_g: NonZero | None = None
@@ -54,7 +56,14 @@ class Input(StrictTable):
             raise ValueError(
                 "give exactly one of per_m_s2, per_g, per_rad_s, per_deg_s, per_rad, per_deg"
             )
+        if self.counts_angle and self.quantity != "angle":
+            raise ValueError(f"unit = '{self.unit}' is an angle: give per_deg or per_rad")
         return self
+
+    @property
+    def counts_angle(self) -> bool:
+        """Whether the reading is an angle itself, not a raw one."""
+        return COLUMN_UNITS[self.unit].quantity == "angle"
 
     def _slopes(self) -> list[tuple[str, float]]:
         names = ("m_s2", "g", "rad_s", "deg_s", "rad", "deg")

@@ -14,7 +14,8 @@ from tiltcal.calibration.screen.explanations import Explanation, in_words
 from tiltcal.calibration.validity import Test, threshold_test
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.effects import CATALOGUE
-from tiltcal.effects.sense import ACCELEROMETERS, Sense
+from tiltcal.effects.base import TermEffect
+from tiltcal.effects.sense import Sense
 from tiltcal.instrument.temperature import held
 from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
@@ -28,27 +29,6 @@ COARSE = 60  # instants of a step that are tried at first; then all about the be
 NEAR = 8.0
 REFITTED = 8  # causes that a non-linear model is fitted with: the best by its linear form
 ROUNDS = 4  # in which the inputs of a term, and by them its errors, are corrected by the fit
-# effects of the catalogue that follow from force, rate and temperature alone
-FORCE_TERMS = (
-    "acc_cross_axis",
-    "acc_K2",
-    "acc_K3",
-    "acc_scale_asym",
-    "acc_bias_asym",
-    "acc_Kio",
-    "acc_Kip",
-    "acc_Koq",
-    "acc_Kpo",
-    "acc_temp_bias",
-)
-RATE_TERMS = (
-    "gyr_misalignment",
-    "gyr_gsens",
-    "gyr_g2sens",
-    "gyr_scale_asym",
-    "gyr_nonlinearity",
-    "gyr_temp",
-)
 
 
 @dataclass(frozen=True)
@@ -351,23 +331,17 @@ def lacking_terms(sensor: Sensor, sense: Sense, channels: int | None = None) -> 
         sense: what it senses at each reading.
         channels: of the errors; further ones than those of the sensor have none.
     """
-    own = FORCE_TERMS if sensor.kind in ACCELEROMETERS else RATE_TERMS
-    found = {
-        f"the term {_short(term)} ({CATALOGUE[term].title})": columns_under([term], sensor, sense)[
-            2
-        ]
-        for term in own
-    }
+    found = {}
+    for cls in CATALOGUE.values():
+        if issubclass(cls, TermEffect) and cls.linear and cls.row_wise and cls.senses(sensor.kind):
+            name = cls.calibration_term or cls.id.partition("_")[2]
+            columns = columns_under([cls.id], sensor, sense)[2]
+            found[f"the term {name} ({cls.title})"] = columns
     elapsed = (sense.time - sense.time[0])[:, None]
     found[DRIFT] = np.eye(len(sensor.axes))[:, None, :] * elapsed[None]
     further = (channels or len(sensor.axes)) - len(sensor.axes)
     pad = ((0, 0), (0, 0), (0, further))
     return {words: np.pad(c, pad)[None] for words, c in found.items() if c.any()}
-
-
-def _short(term: str) -> str:
-    """Its name as an option of a method takes it."""
-    return CATALOGUE[term].calibration_term or term.partition("_")[2]
 
 
 def part_words(noun: str, start: float, end: float, label: str | None = None) -> str:

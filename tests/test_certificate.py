@@ -277,7 +277,7 @@ def test_where_no_budget_can_be_evaluated_the_page_says_why(good, here, capsys):
     assert main([*words, "--report", "o.html"]) in (0, 1)
     page = text_of((here / "o.html").read_text(encoding="utf-8"))
     assert "Not evaluated: a note below states the cause." in page
-    assert "could not be evaluated: recording means.csv: found no column table_outer" in page
+    assert "could not be evaluated: budget, table_levelling: found a hand-held" in page
     assert "noise of the record only (type A)" in page
     capsys.readouterr()
     assert main([*words, "--budget"]) == 2  # who asks for the budget itself is refused

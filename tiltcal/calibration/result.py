@@ -53,6 +53,27 @@ class Estimate:
 
 
 @dataclass(frozen=True)
+class Reference:
+    """An uncertain reference, and its share of the uncertainty of each parameter.
+
+    Args:
+        name: as text.
+        size: as stated, in ``unit``, with its distribution.
+        standard: standard uncertainty, in ``unit``.
+        assumed: whether it stands in the budget only: not in the covariance.
+        contributions: parameter -> standard uncertainty it contributes, in the parameter's unit.
+    """
+
+    name: str
+    size: float
+    unit: str
+    distribution: str
+    standard: float
+    assumed: bool
+    contributions: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class Calibration(Tabular):
     """What a method found.
 
@@ -74,6 +95,7 @@ class Calibration(Tabular):
         provenance: what it came from.
         effects: of the instrument that are no terms, such as learned curves: known, without an
             uncertainty.
+        references: the uncertain references; those that were stated are part of the covariance.
     """
 
     method: str
@@ -94,6 +116,7 @@ class Calibration(Tabular):
     own_frame: bool = False
     provenance: Mapping[str, Any] = field(default_factory=dict)
     effects: Sequence[Effect] = ()
+    references: Sequence[Reference] = ()
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
@@ -239,6 +262,8 @@ class Calibration(Tabular):
         if "setup" in self.provenance:
             setup = setup_of(self)
             table["terms"] = terms_table(self.instrument(setup.sensor, setup.site.gravity))
+        if self.references:
+            table["references"] = [{**vars(r)} for r in self.references]
         if self.effects:
             table["effects"] = [to_file(effect) for effect in self.effects]
         if self.own_frame:
@@ -355,6 +380,7 @@ def calibration_from(table: Mapping[str, Any], subject: str = "calibration") -> 
         c.method == "norm" if c.own_frame is None else c.own_frame,
         c.provenance,
         _stored_effects(c.effects, c.provenance, subject),
+        [Reference(**dict(r)) for r in c.references],
     )
 
 

@@ -79,6 +79,18 @@ class StoredEntry(Stored):
     unit: str
 
 
+class StoredReference(Stored):
+    """An uncertain reference."""
+
+    name: str
+    size: Finite
+    unit: str = ""
+    distribution: str = "normal"
+    standard: Annotated[float, Field(ge=0)]
+    assumed: bool = False
+    contributions: dict[str, Annotated[float, Field(ge=0)]] = {}
+
+
 class StoredCalibration(Stored):
     """CAL.json; only method, verdict and parameters with values are required."""
 
@@ -97,6 +109,7 @@ class StoredCalibration(Stored):
     lookup: Literal["interpolated", "rounded", "smooth"] = "interpolated"
     own_frame: bool | None = None
     effects: list[dict[str, Any]] = []
+    references: list[StoredReference] = []
     provenance: dict[str, Any] = {}
 
     @model_validator(mode="after")

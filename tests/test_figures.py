@@ -37,10 +37,12 @@ def test_a_logarithmic_axis_has_plain_numbers():
 
 
 def test_in_a_page_it_has_the_colours_of_the_page():
-    text = inline_svg(plot())
+    text = inline_svg(plot(), 80, 3)
     assert text.startswith("<svg")
     assert "var(--c0)" in text
     assert "#2b6cb0" not in text
+    assert 'id="still3-figure_1"' in text
+    assert "http" not in text
 
 
 @pytest.mark.parametrize("words", [["--figures", "figures"], ["--figures=figures"]])

@@ -67,7 +67,11 @@ def in_our_units(result: Calibration, setup: Setup) -> Calibration:
         replace(r, contributions={n: u * by_name[n] for n, u in r.contributions.items()})
         for r in result.references
     ]
-    return replace(result, parameters=parameters, covariance=covariance, references=references)
+    found = replace(result, parameters=parameters, covariance=covariance, references=references)
+    if result.assumed_covariance is None:
+        return found
+    scale = np.outer(factors, factors)
+    return replace(found, assumed_covariance=result.assumed_covariance * scale)
 
 
 def _factor(estimate: Estimate, ours: str, subject: str) -> float:

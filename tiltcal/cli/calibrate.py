@@ -90,7 +90,7 @@ def calibrate(
     if output:
         calibration.save(output)
     dwells = options.get("segments")
-    write_reports(calibration, recording, described, found, dwells, stated, report, dcc)
+    write_reports(calibration, recording, found, dwells, stated, report, dcc)
     if as_json:
         print_json(calibration.to_json() | ({"budget": found.to_json()} if found else {}))
     else:

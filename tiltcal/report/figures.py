@@ -5,6 +5,7 @@ text width of an A4 page; text stays text.
 """
 
 import io
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS = ("svg", "pdf")
-WIDTH = 160 / 25.4  # in
+WIDTH_MM = 160.0
+MM = 1 / 25.4  # in
 PIXEL = 1 / 96  # in, of CSS
 PRINTED = {
     "var(--c0)": "#2b6cb0",
@@ -87,21 +89,36 @@ def save_figures(plots: Sequence[Plot], page: str) -> None:
             folder.written.append(path)
 
 
-def inline_svg(plot: Plot) -> str:
-    """A plot as an SVG element of a page, in the colours of the page."""
-    text = drawn(plot, "svg").decode("utf-8")
-    text = text[text.index("<svg") :]
+def inline_svg(plot: Plot, width_mm: float, number: int) -> str:
+    """A plot as an SVG element of a page, in the colours of the page.
+
+    Args:
+        plot: to draw.
+        width_mm: of the element.
+        number: of the plot on its page: makes its ids its own.
+    """
+    text = drawn(plot, "svg", width_mm).decode("utf-8")
+    text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
+    text = re.sub(r' xmlns(:xlink)?="[^"]*"', "", text)
+    text = re.sub(r'( id="|"#|url\(#)', rf"\g<1>still{number}-", text)
     for variable, colour in PRINTED.items():
         text = text.replace(colour, variable)
     return text
 
 
-def drawn(plot: Plot, format: str) -> bytes:
-    """A plot as the contents of a file. format: svg or pdf."""
+def drawn(plot: Plot, format: str, width_mm: float = WIDTH_MM) -> bytes:
+    """A plot as the contents of a file.
+
+    Args:
+        plot: to draw.
+        format: svg or pdf.
+        width_mm: of the figure.
+    """
     out = io.BytesIO()
     with _style():
-        date = {"Date": None} if format == "svg" else {"CreationDate": None}
-        _figure(plot).savefig(out, format=format, metadata={"Title": plot.alternative, **date})
+        made: dict[str, str | None] = {"Date": None} if format == "svg" else {"CreationDate": None}
+        made["Title"] = plot.alternative
+        _figure(plot, width_mm).savefig(out, format=format, metadata=made)
     return out.getvalue()
 
 
@@ -113,12 +130,12 @@ def _style() -> Iterator[None]:
         yield
 
 
-def _figure(plot: Plot) -> "Figure":
+def _figure(plot: Plot, width_mm: float) -> "Figure":
     """The figure of a plot."""
     from matplotlib.figure import Figure
 
     spatial = any(str(t["type"]).endswith("3d") for t in plot.traces)
-    figure = Figure((WIDTH, plot.height * PIXEL), layout="constrained")
+    figure = Figure((width_mm * MM, plot.height * PIXEL), layout="constrained")
     ax = figure.add_subplot(projection="3d" if spatial else None)
     if spatial:
         _draw_space(ax, plot)

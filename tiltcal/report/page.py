@@ -8,7 +8,7 @@ from typing import Any
 
 from tiltcal import __version__
 from tiltcal.core.files import write_text
-from tiltcal.core.units import unit_sign
+from tiltcal.core.units import signs_in, unit_sign
 from tiltcal.report.figures import inline_svg, save_figures
 from tiltcal.report.plots import Plot
 
@@ -32,10 +32,10 @@ class Numbered:
         """Whether the page draws a plot; asked at its end."""
         return self.drawn_by_page > 0
 
-    def still(self, plot: Plot) -> str:
+    def still(self, plot: Plot, width_mm: float) -> str:
         """A plot as SVG, for a page that is printed."""
         self.shown.append(plot)
-        return inline_svg(plot)
+        return inline_svg(plot, width_mm, len(self.shown))
 
     def __call__(self, plot: Plot) -> Mapping[str, Any]:
         """What the macro ``plot`` shows."""
@@ -66,8 +66,9 @@ def write_page(path: Path, template: str, **values: Any) -> None:
 
 def rendered(template: str, **values: Any) -> str:
     """A page from a template. In addition to the values it has ``version``, ``plotly()`` for the
-    script that draws, ``plots(plot)`` for what the macro ``plot`` shows, ``plots.still(plot)``, and
-    the filter ``sign`` of units. Its figures are written where the command names a folder for them.
+    script that draws, ``plots(plot)`` for what the macro ``plot`` shows, ``plots.still(plot, mm)``,
+    and the filters ``sign`` of a unit and ``signs`` of a text with units. Its figures are written
+    where the command names a folder for them.
 
     Raises:
         TiltcalError: a figure cannot be written.
@@ -90,6 +91,7 @@ def _environment() -> Any:
         lstrip_blocks=True,
     )
     made.filters["sign"] = unit_sign
+    made.filters["signs"] = signs_in
     return made
 
 

@@ -130,7 +130,8 @@ def make_budget(
     found = calibrate(method, recording, setup.model_copy(update={"budget": stated}), **options)
     measured = [id for name, id in MEASURED.items() if name in found.parameters]
     kept = [r for r in found.references if not (r.assumed and r.name.startswith(tuple(measured)))]
-    found = replace(found, references=kept)
+    if measured:
+        found = replace(found, references=kept, assumed_covariance=None)
     return found, budget_of(found)
 
 

@@ -4,6 +4,7 @@ fit.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -140,12 +141,13 @@ def wrap_up(
         heldout_rms=heldout or {},
         warnings=notes,
         provenance=provenance(recording),
-        references=split_of(poses.references, fit.names, fit.contributions),
+        **split_of(poses.references, fit.names, fit.contributions),
     )
 
 
-def split_of(references: References, names: Sequence[str], contributions: Array) -> list[Reference]:
-    """The uncertain references with their shares of the uncertainty.
+def split_of(references: References, names: Sequence[str], contributions: Array) -> dict[str, Any]:
+    """What a Calibration says of its uncertain references: ``references`` with their shares of the
+    uncertainty, and ``assumed_covariance``.
 
     Args:
         references: of the observations.
@@ -153,9 +155,10 @@ def split_of(references: References, names: Sequence[str], contributions: Array)
         contributions: of each column of the references, in the parameters' units, (p, q).
     """
     if not references.sources:
-        return []
+        return {}
     shares = references.shares(contributions).T.tolist()
-    return [
+    assumed = contributions[:, ~references.fitted]
+    listed = [
         Reference(
             s.name,
             s.size,
@@ -163,10 +166,15 @@ def split_of(references: References, names: Sequence[str], contributions: Array)
             s.distribution,
             s.standard,
             s.assumed,
+            s.at_stops,
             dict(zip(names, share, strict=True)),
         )
         for s, share in zip(references.sources, shares, strict=True)
     ]
+    return {
+        "references": listed,
+        "assumed_covariance": assumed @ assumed.T if assumed.size else None,
+    }
 
 
 def with_equation(result: Calibration, sensor: Sensor, setup: Setup) -> Calibration:

@@ -216,6 +216,7 @@ def _several_days(
             for (name, e), sigma in zip(result.parameters.items(), sigmas, strict=True)
         },
         references=last.references,
+        assumed_covariance=last.assumed_covariance,
     )
 
 

@@ -320,5 +320,5 @@ def _calibration(
         heldout_rms={p.sensor.name: float(np.sqrt(np.mean(p.choice.heldout**2))) for p in parts},
         warnings=list(warnings),
         provenance=provenance(recording),
-        references=split_of(uncertain, list(parameters), np.concatenate(changes)),
+        **split_of(uncertain, list(parameters), np.concatenate(changes)),
     )

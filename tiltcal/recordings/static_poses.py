@@ -204,7 +204,10 @@ def _references(
     force = np.where(np.isnan(up), force, setup.site.gravity * up)
     if sensor.is_accelerometer:
         # its own readings: on a tilted base the nominal force has no horizontal part
-        force[:, list(sensor.axis_indices)] = means
+        own = list(sensor.axis_indices)
+        known = ~np.isnan(up).any(axis=1)
+        bias = (means - force[:, own])[known].mean(axis=0) if known.any() else 0.0
+        force[:, own] = means - bias
     by_kind["accelerometer"] = force
     warm = recording.temperature()
     if warm is not None:

@@ -33,6 +33,11 @@ def rounded(value: float, uncertainty: float) -> tuple[str, str]:
     return f"{round(value, positions):.{kept}f}", f"{round(uncertainty, positions):.{kept}f}"
 
 
+def _two_digits(uncertainty: float) -> str:
+    """An uncertainty as text, without a power of ten: ``100`` rather than ``1e+02``."""
+    return rounded(0.0, uncertainty)[1]
+
+
 def parameter_table(
     calibration: Calibration, expanded: Mapping[str, float]
 ) -> list[dict[str, str]]:
@@ -69,8 +74,8 @@ def budget_table(budget: UncertaintyBudget, calibration: Calibration) -> dict[st
         factor, shown = calibration.shown_in(name, unit)
         least = NEGLIGIBLE * budget.combined[name]
         sizes = [line.contributions[name] for line in budget.lines]
-        parts = [f"{size * factor:.2g}" if size >= least else "-" for size in sizes]
-        ends = [f"{u[name] * factor:.2g}" for u in (budget.combined, budget.expanded)]
+        parts = [_two_digits(size * factor) if size >= least else "-" for size in sizes]
+        ends = [_two_digits(u[name] * factor) for u in (budget.combined, budget.expanded)]
         rows.append({"name": name, "unit": unit_sign(shown), "parts": parts, "ends": ends})
     return {"sources": sources, "letters": letters, "rows": rows}
 

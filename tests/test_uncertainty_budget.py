@@ -283,6 +283,21 @@ def test_a_dividing_head_that_is_stated_fits():
     assert np.mean([f.chi2_per_dof for f in fits]) == pytest.approx(1.0, abs=4 * np.sqrt(2 / dof))
 
 
+def test_over_temperature_a_stated_head_fits_too():
+    """Blocks that are left out lie at stops of their own: the held-out test counts with both."""
+    head = {"id": "table_index_error", "axis": "outer", "sigma_arcsec": 60}
+    scenario = Scenario.model_validate(
+        claim("thermal_six_faces").model_dump(by_alias=True) | {"dynamics": None, "budget": [head]}
+    )
+    log = LAB.record(with_reference_errors(scenario, 1), 1)
+    found = calibrate("thermal", log, scenario)
+    assert found.verdict == "good"
+    assert found.chi2_per_dof == pytest.approx(1.0, abs=0.1)
+    assert calibrate("thermal", log, stating(scenario)).verdict == "suspect"
+    wide = found.parameters["accel.cross_yz"].sigma
+    assert found.references[0].contributions["accel.cross_yz"] > 0.5 * wide
+
+
 def test_check_counts_with_the_same_references():
     """Of a calibration on a perfect table, on recordings with a dividing head of 10 arcsec."""
     found = calibrate("six_position", LAB.record(SIX, 1), stating(SIX))

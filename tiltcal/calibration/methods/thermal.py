@@ -177,7 +177,7 @@ class SensorFit:
 
     def heldout_test(self) -> Test:
         """Do blocks that were left out fit as those that were not?"""
-        left = estimate(self.choice, self.blocks).residuals
+        left = estimate(self.choice, self.blocks).left
         ratio = float(np.mean(self.choice.heldout**2 / np.maximum(np.mean(left**2, axis=0), 1e-30)))
         words = (
             f"{self.sensor.name}: {self.choice.model.words()}; readings left out have"

@@ -236,13 +236,15 @@ class Estimated:
         keep: numbers of its columns, (p,).
         values: (p, k).
         covariances: of each channel, (k, p, p).
-        residuals: less what stated references add most probably, (n, k).
+        left: residuals, (n, k).
+        residuals: the same less what stated references add most probably, (n, k).
         contributions: what one standard uncertainty of each reference changes, (k, p, q).
     """
 
     keep: Index
     values: Array
     covariances: Array
+    left: Array
     residuals: Array
     contributions: Array
 
@@ -262,8 +264,9 @@ def estimate(choice: Choice, blocks: Blocks) -> Estimated:
     uncertain = blocks.references
     columns = uncertain.columns if len(uncertain.owner) else np.zeros((0, *blocks.error.shape))
     changes = np.einsum("pn,qnk->kpq", inverse, columns) / scale[:, None]
+    whole = blocks.error - X @ values
     left = _without_references(
-        blocks.error - X @ values,
+        whole,
         (columns - np.einsum("np,kpq->qnk", X, changes))[uncertain.fitted],
     )
     number = max(STRETCHES, 3 * len(keep))
@@ -276,7 +279,7 @@ def estimate(choice: Choice, blocks: Blocks) -> Estimated:
         stated = changes[i][:, uncertain.fitted]
         noise = factor * (scores.T @ scores) / np.outer(scale, scale)
         covariances.append(noise + stated @ stated.T)
-    return Estimated(keep, values, np.array(covariances), left, changes)
+    return Estimated(keep, values, np.array(covariances), whole, left, changes)
 
 
 def _without_references(left: Array, columns: Array) -> Array:

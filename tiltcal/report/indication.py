@@ -176,14 +176,14 @@ def indication_plots(found: Sequence[Indication]) -> list[Plot]:
             "Before: lines by the model, points as measured.",
             "Error of indication before calibration over the inclination of each axis",
             axes(title, f"error, {unit}", showlegend=True),
-            height=230,
+            height=180,
         ),
         Plot(
             after,
             "After: points as measured; dotted: U (k = 2) of the correction.",
             "Error of indication after calibration over the inclination of each axis, and U",
             axes(title, f"error, {unit}", showlegend=found[0].after is not None),
-            height=230,
+            height=180,
         ),
     ]
 

@@ -30,7 +30,7 @@ def rounded(value: float, uncertainty: float) -> tuple[str, str]:
     if positions > 9:
         return f"{value:.6e}", f"{uncertainty:.1e}"
     kept = max(positions, 0)
-    return f"{round(value, positions):.{kept}f}", f"{round(uncertainty, positions):.{kept}f}"
+    return f"{round(value, positions) + 0.0:.{kept}f}", f"{round(uncertainty, positions):.{kept}f}"
 
 
 def _two_digits(uncertainty: float) -> str:

@@ -169,5 +169,5 @@ def expected_tilt(calibration: Calibration, setup: Setup) -> Tilt | None:
     if len(sensor.axes) == 1:
         return None
     before, after, over = predicted_tilt(setup, sensor, calibration)
-    text = f"{over}; by the parameters and their covariance (noise of the record)"
+    text = f"{over}; by the parameters and their covariance (noise, stated references)"
     return Tilt(before / ARCSEC, after / ARCSEC, text)

@@ -26,8 +26,12 @@ from tiltcal.report.certificate import certificate_page, make_certificate
 from tiltcal.report.certificate_scope import not_tested, procedure
 from tiltcal.report.certificate_tables import pose_table, rounded
 from tiltcal.report.dcc import dcc_text, si_unit
+from tiltcal.report.improvement import improvements
+from tiltcal.report.indication import Indication, indications, repeatability
 from tiltcal.report.pose_residuals import PoseRow, pose_rows
 from tiltcal.report.stated import Stated
+from tiltcal.report.wording import mounting, period
+from tiltcal.validation.uncertainty_budget import Line, UncertaintyBudget
 
 SIGNATURE = """\
 <xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema"
@@ -43,7 +47,7 @@ SECTIONS = (
     "Traceability",
     "Results: parameters with expanded uncertainty U, k = 2",
     "Uncertainty budget (GUM)",
-    "Residuals by pose",
+    "Error of indication before and after",
     "Tilt error before and after",
     "Tests",
     "How to apply it",
@@ -187,7 +191,82 @@ def test_of_many_poses_the_largest_residuals_are_shown():
     poses = [PoseRow(k, k + 1, "", {}, {"x": float(k)}, None, None) for k in range(40)]
     table = pose_table(poses)
     assert [row["number"] for row in table.rows] == list(range(29, 41))
-    assert table.note == "The 12 largest of 40 poses; the figure shows all."
+    assert table.note == "Of 40 poses the 12 with the largest residuals."
+
+
+def test_the_error_of_indication_by_hand(good, plain):
+    setup = load_scenario(good / "bench.toml")
+    x, y, z = indications(plain, setup, ())
+    # bias 3000 and -1500 ug, scale_z 1200 ppm, over the inclination of the axis
+    assert (x.unit, y.unit) == ("µg", "µg")
+    b, S, C = (plain.value(f"accel.{n}") for n in ("bias_x", "scale_x", "cross_xz"))
+    f = 9.80123 * np.sin(np.radians(x.curve[0]))
+    across = 9.80123 * np.cos(np.radians(x.curve[0]))
+    np.testing.assert_allclose(x.curve[1], (b + S * f + C * across) / G0 * 1e6, rtol=1e-9)
+    assert x.before[3] == pytest.approx(3000, abs=30)  # at 0 deg
+    names = ["accel.bias_z", "accel.scale_z", "accel.cross_zx"]
+    rows = [list(plain.parameters).index(n) for n in names]
+    covariance = np.asarray(plain.covariance)[np.ix_(rows, rows)]
+    J = np.array([1.0, 9.80123, 0.0])  # at 90 deg
+    assert z.U[-1] == pytest.approx(2 * np.sqrt(J @ covariance @ J) / G0 * 1e6, rel=1e-6)
+    assert x.after is None
+    measured = indications(plain, setup, pose_rows(plain, read_recording(good / "run.csv"), setup))
+    assert np.abs(measured[0].after).max() < 100
+    assert np.sort(measured[0].angle) == pytest.approx([-90, 0, 0, 0, 0, 90], abs=0.01)
+
+
+def test_an_inclinometer_s_error_is_an_angle():
+    scenario = load_scenario(folder("scenarios") / "tumble_inclinometer.toml")
+    log = SimulatedLaboratory().record(scenario, 3)
+    found = calibrate("six_position", log, scenario)
+    rows = pose_rows(found, log, scenario)
+    one = indications(found, scenario, rows)[0]
+    assert one.unit == "arcsec"
+    k = int(np.argmin(np.abs(one.angle)))
+    expected = rows[k].uncorrected["x"] * 1e-6 * G0 / scenario.site.gravity / ARCSEC
+    assert one.before[k] == pytest.approx(expected / np.cos(np.radians(one.angle[k])), rel=0.02)
+    # twice the same sequence: each direction is visited again
+    assert "degrees of freedom" in repeatability([one], rows) or "No pose" in repeatability(
+        [one], rows
+    )
+
+
+def test_repeated_poses_give_a_repeatability():
+    up = [np.array([0, 0, 1.0]), np.array([1.0, 0, 0])]
+    poses = [PoseRow(k, k + 1, "", {}, {}, None, None, up[k % 2]) for k in range(4)]
+    zero = np.zeros(4)
+    one = Indication("x", "µg", zero, zero, np.array([1.0, 5.0, 3.0, 9.0]), zero, zero[None])
+    # deviations of 1, 1, 2, 2 about the two means, two degrees of freedom
+    assert "x 2.2 µg; 2 directions visited 2 to 2 times, 2 deg" in repeatability([one], poses)
+    assert "No pose was repeated" in repeatability([replace(one, after=zero[:2])], poses[:2])
+
+
+@pytest.mark.parametrize(
+    ("noise", "gravity", "text"),
+    [
+        (1.0, 0.0, "record the sequence 4 times"),
+        (4.0, 1.0, "know gravity to 5 ppm (now 10), and record the sequence 4 times"),
+        (0.0, 1.0, "know gravity to 5 ppm (now 10)"),
+        (1.0, 1.0, "know gravity to 5 ppm (now 10), and record the sequence 4 times"),
+    ],
+)
+def test_what_halves_U_halves_it(noise, gravity, text, plain):
+    lines = (
+        Line("noise of the record", "A", 0.0, "", "normal", 0.0, {"s.bias_x": noise}),
+        Line("gravity", "B", 10.0, "ppm", "normal", 10.0, {"s.bias_x": gravity}),
+    )
+    (found,) = improvements(UncertaintyBudget(lines, {"s.bias_x": "m_s2"}), plain)
+    assert found.next == text
+
+
+def test_times_and_mountings_in_words():
+    assert period(1_763_890_000.0, 1_763_890_754.6) == "from 2025-11-23 09:26:40 UTC, 12 min 34.6 s"
+    assert period(3.0, 5.5) == "2.5 s"
+    text = "identity; 350.5 s: Rx(90) Rz(180)"
+    assert mounting(text, 50.5) == (
+        "axes along those of the table; from 5 min 0.0 s on turned by 90° about x and turned by"
+        " 180° about z"
+    )
 
 
 # --------------------------------------------------------------------------------------------------
@@ -227,7 +306,7 @@ def test_U_of_the_page_is_that_of_the_budget(good, written, capsys):
 
 def test_the_page_stands_alone(written):
     page = (written / "out.html").read_text(encoding="utf-8")
-    assert not re.search(r'https?:|src="(?!data:)|href="(?!#)|@import|url\(|<script', page)
+    assert not re.search(r'https?:|src="(?!data:)|href="(?!#)|@import|url\((?!#)|<script', page)
     for part in ('name="viewport"', "prefers-color-scheme: dark", "@media print", "@page"):
         assert part in page
     assert len(re.findall("<table", page)) == len(re.findall('<div class="wide"><table', page))
@@ -249,6 +328,7 @@ def test_without_the_recording_the_page_says_what_it_lacks(good, here, plain):
     assert main(["certificate", str(good / "CAL.json"), "-o", "out.html"]) == 0
     words = text_of((here / "out.html").read_text(encoding="utf-8"))
     assert words.count("Not in this file") == 2
+    assert "To halve U" not in words
     assert "The measured error at the poses is not in this file." in words
     assert "noise of the record only (type A)" in words
     assert "Temperature during the measurement: not stated." in words
@@ -277,7 +357,7 @@ def test_where_no_budget_can_be_evaluated_the_page_says_why(good, here, capsys):
     assert main([*words, "--report", "o.html"]) in (0, 1)
     page = text_of((here / "o.html").read_text(encoding="utf-8"))
     assert "Not evaluated: a note below states the cause." in page
-    assert "could not be evaluated: recording means.csv: found no column table_outer" in page
+    assert "could not be evaluated: budget, table_levelling: found a hand-held" in page
     assert "noise of the record only (type A)" in page
     capsys.readouterr()
     assert main([*words, "--budget"]) == 2  # who asks for the budget itself is refused

@@ -12,6 +12,7 @@ from tiltcal.cli.commands import COMMANDS
 HEAVY = {
     "gymnasium",
     "jinja2",
+    "matplotlib",
     "mujoco",
     "numpy",
     "plotly",

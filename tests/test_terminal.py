@@ -140,17 +140,6 @@ def told(monkeypatch):
 
 
 @pytest.mark.usefixtures("here")
-def test_the_budget_says_how_long_it_takes(good, told):
-    scenario, recording = made(good, "bench.toml", "run.csv")
-    words = ["calibrate", recording, "--scenario", scenario, "--method", "six_position"]
-    assert main([*words, "--report", "page.html"]) == 0
-    pattern = r"uncertainty budget: (\d+) of (\d+) runs, [\d.]+ a second, .+ left"
-    counts = [re.fullmatch(pattern, text).groups() for text in told]
-    assert counts[-1][0] == counts[-1][1]
-    assert len(counts) == int(counts[-1][1])
-
-
-@pytest.mark.usefixtures("here")
 def test_a_film_tells_the_time_left(good, told):
     words = ("film", "SCENARIO", "--seconds", "0.2", "-o", "film.mp4")
     assert main(named(words, good)) == 0

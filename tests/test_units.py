@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tiltcal.cli import main
-from tiltcal.core.units import ARCSEC, DEG_H, G0, readable_unit, unit_sign
+from tiltcal.core.units import ARCSEC, DEG_H, G0, readable_unit, signs_in, unit_sign
 
 
 @pytest.mark.parametrize(
@@ -31,7 +31,13 @@ def test_the_column_decides_where_it_is_fine_enough(unit, column, factor, shown)
 
 def test_signs_in_reports():
     texts = [unit_sign(u) for u in ("ug", "deg_h", "mg_degC1", "ppm_degC2", "arcsec_degC")]
-    assert texts == ["µg", "°/h", "mg/°C", "ppm/°C^2", "arcsec/°C"]
+    assert texts == ["µg", "°/h", "mg/°C", "ppm/°C²", "arcsec/°C"]
+    assert [unit_sign(u) for u in ("ug_g3", "deg_h_g", "furlong_x")] == [
+        "µg/g³",
+        "°/h/g",
+        "furlong_x",
+    ]
+    assert signs_in("K2_x 3 ug/g2, 4 deg/h off") == "K2_x 3 µg/g², 4 °/h off"
 
 
 @pytest.mark.parametrize(("column", "unit"), [("mg", "mg"), ("g", "ug"), ("m_s2", "ug")])

@@ -11,7 +11,6 @@ from tiltcal.calibration.methods.registry import calibrate as run_method
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.numerical import determining, one_thread
-from tiltcal.core.progress import Progress, silent
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.joining import joined
 from tiltcal.recordings.recording import Recording
@@ -38,7 +37,6 @@ def estimate(
     scenario: Scenario,
     options: dict[str, Any],
     with_budget: bool = False,
-    progress: Progress = silent,
 ) -> tuple[Calibration, UncertaintyBudget | None]:
     """A calibration, and its uncertainty budget where it is wanted; columns that belong to no
     sensor are noted.
@@ -48,9 +46,7 @@ def estimate(
     """
     budget: UncertaintyBudget | None = None
     if with_budget:
-        calibration, budget = make_budget(
-            method, recording, scenario, scenario.budget, progress=progress, **options
-        )
+        calibration, budget = make_budget(method, recording, scenario, **options)
     else:
         calibration = run_method(method, recording, scenario, **options)
     if note := recording.ignored_columns(scenario.sensor):
@@ -67,7 +63,6 @@ def estimate_for_certificate(
     recording: Recording,
     scenario: Scenario,
     options: dict[str, Any],
-    progress: Progress = silent,
 ) -> tuple[Calibration, UncertaintyBudget | None]:
     """The same with a budget; where that cannot be evaluated, a warning states the cause.
 
@@ -75,7 +70,7 @@ def estimate_for_certificate(
         TiltcalError: as ``estimate`` without a budget does.
     """
     try:
-        return estimate(method, recording, scenario, options, True, progress)
+        return estimate(method, recording, scenario, options, True)
     except TiltcalError as error:
         calibration, _ = estimate(method, recording, scenario, options)
         note = f"the uncertainty budget could not be evaluated: {error}"

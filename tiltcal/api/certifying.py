@@ -9,7 +9,6 @@ from typing import Any
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.tabular import Tabular
-from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.report import certificate
@@ -77,7 +76,6 @@ def certificate_of(
     calibration: Calibration,
     stated: Stated,
     recording: Recording,
-    scenario: Scenario,
     budget: UncertaintyBudget | None,
     dwells: Sequence[Segment] | None = None,
 ) -> Certificate:
@@ -87,11 +85,8 @@ def certificate_of(
         calibration: the result.
         stated: by the laboratory.
         recording: of the fit.
-        scenario: whose sources the budget has; assumed where it states none.
         budget: of the calibration; None where it could not be evaluated.
         dwells: of the recording; found in it if not given.
     """
-    made = certificate.make_certificate(
-        calibration, stated, recording, budget, dwells, assumed=not scenario.budget
-    )
+    made = certificate.make_certificate(calibration, stated, recording, budget, dwells)
     return Certificate.of(made)

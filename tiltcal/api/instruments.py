@@ -18,7 +18,6 @@ from tiltcal.effects.base import (
 from tiltcal.effects.sensor.dynamics import AccBandwidth
 from tiltcal.instrument.terms import term_name
 from tiltcal.laboratory.scenario import Scenario, load_scenario
-from tiltcal.setup.setup import Setup
 
 AMENDED = "amended"
 """Method of a calibration that is the effects of a scenario."""
@@ -70,7 +69,7 @@ def instrument_of(scenario: Scenario) -> Calibration:
             do="name amended.toml of `tiltcal diagnose`, or make a CAL.json with"
             " `tiltcal calibrate`",
         )
-    bare = Setup(site=scenario.site, rig=scenario.rig, sensor=scenario.sensor)
+    bare = scenario.bare
     parameters["temperature.T0"] = Estimate(scenario.site.temperature_degC, 0.0, "degC")
     return Calibration(
         AMENDED,

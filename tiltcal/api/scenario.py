@@ -108,7 +108,7 @@ class Scenario(laboratory.Scenario):
         options |= _dwells(segments, recording)
         calibration, budget = estimate_for_certificate(method, recording, self, options)
         dwells = options.get("segments")
-        return certificate_of(calibration, stated or Stated(), recording, self, budget, dwells)
+        return certificate_of(calibration, stated or Stated(), recording, budget, dwells)
 
     def check(
         self,

@@ -33,6 +33,7 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Jet
 from tiltcal.statistics.dwell_noise import pooled_noise
+from tiltcal.statistics.least_squares import CommonErrors
 from tiltcal.statistics.noise_spectrum import most_slow_variance
 
 BLOCKS = 400  # of a recording over temperature, at most
@@ -73,6 +74,8 @@ class Evidence:
         free: how many of these are fitted: their prior says next to nothing.
         shown: which parameters of the model the readings depend on, (p,).
         spans: beginning and end of each row, s.
+        references: what one standard uncertainty of each stated reference adds, SI, (q, m, k);
+            None: nothing is stated.
         rows: what a row is, for a sentence.
     """
 
@@ -87,6 +90,13 @@ class Evidence:
     spans: Sequence[tuple[float, float]]
     free: int = 0
     rows: str = "dwells"
+    references: Array | None = None
+
+    @property
+    def _stated(self) -> Array:
+        """What stated references add, (q, m, k)."""
+        none = np.zeros((0, *self.residual.shape))
+        return none if self.references is None else self.references
 
     @cached_property
     def judged(self) -> Mask:
@@ -107,7 +117,7 @@ class Evidence:
 
     def _whitened(self) -> tuple[Array, Array]:
         """Residual, (N,), and columns, (N, q), in units of the noise."""
-        added = np.concatenate([self.model, self.nuisance])
+        added = np.concatenate([self.model, self.nuisance, self._stated])
         rows, columns = [np.zeros(0)], [np.zeros((0, len(added)))]
         for i, keep in enumerate(self.judged):
             if keep.any():
@@ -153,6 +163,9 @@ class Evidence:
         alone = np.zeros((0, *self.residual.shape))
         nuisance = np.concatenate([terms, self.nuisance])
         r, X = replace(self, model=alone, nuisance=nuisance)._whitened()
+        X, stated = X[:, : len(nuisance)], X[:, len(nuisance) :]
+        common = CommonErrors(stated, np.ones(stated.shape[1], bool))
+        r, X = common.weight(r), common.weight(X)
         size = np.linalg.norm(X, axis=0)
         U, values, _ = np.linalg.svd(X[:, size > 0] / size[size > 0], full_matrices=False)
         taken = U[:, values > RANK * values[0]]
@@ -168,8 +181,9 @@ class Evidence:
 
     @cached_property
     def expected(self) -> Array:
-        """Covariance of each row's residual by noise and model, SI, (m, k, k)."""
-        return np.asarray(self.noise + np.einsum("qmi,qmj->mij", self.model, self.model))
+        """Covariance of each row's residual by noise, model and references, SI, (m, k, k)."""
+        added = np.concatenate([self.model, self._stated])
+        return np.asarray(self.noise + np.einsum("qmi,qmj->mij", added, added))
 
 
 def replace_residual(evidence: Evidence, residual: Array) -> Evidence:
@@ -213,16 +227,17 @@ def evidence_at_rest(
     shown = np.asarray(np.abs(sensitivity).max(axis=(1, 2)) > NOTHING)
     columns = in_standard_deviations(model, sensitivity)
     terms = np.array(list(linear_columns(sensor, sense).values()))
+    stated = poses.references.at(rows.pose).stated(residual.shape)
     if by_norm:
         along, found = _by_the_norm(model, sensor, sense, noise, columns, shown, rows.spans)
         most = np.einsum("mi,mij,mj->m", along, most, along)[:, None, None]
-        return found.with_scatter(np.einsum("pmk,mk->pm", terms, along)[:, :, None], most)
+        terms, stated = (np.einsum("pmk,mk->pm", c, along)[:, :, None] for c in (terms, stated))
+        return replace(found, references=stated).with_scatter(terms, most)
     nuisance = _nuisance(model, sensor, sense, rows.pose, own_frame)
     kind = "tilt" if sensor.is_accelerometer else "rate"
     if tables:
         kind, nuisance = "table", _unlevelled(model, sensor, recording, setup, rows)
     # the Earth's rate has a prior; a rotation of the frame and what a table adds are fitted
-    free = len(nuisance) if sensor.is_accelerometer else 0
     found = Evidence(
         sensor,
         kind,
@@ -233,8 +248,9 @@ def evidence_at_rest(
         nuisance,
         shown,
         rows.spans,
-        free,
+        len(nuisance) if sensor.is_accelerometer else 0,
         "dwells" if rows.warm is None else "stretches of the dwells",
+        stated,
     )
     return found if kind == "table" else found.with_scatter(terms, most)
 

@@ -62,7 +62,16 @@ def in_our_units(result: Calibration, setup: Setup) -> Calibration:
         factors.append(factor)
         parameters[name] = Estimate(float(e.value) * factor, float(e.sigma) * factor, unit)
     covariance = np.asarray(result.covariance) * np.outer(factors, factors)
-    return replace(result, parameters=parameters, covariance=covariance)
+    by_name = dict(zip(parameters, factors, strict=True))
+    references = [
+        replace(r, contributions={n: u * by_name[n] for n, u in r.contributions.items()})
+        for r in result.references
+    ]
+    found = replace(result, parameters=parameters, covariance=covariance, references=references)
+    if result.assumed_covariance is None:
+        return found
+    scale = np.outer(factors, factors)
+    return replace(found, assumed_covariance=result.assumed_covariance * scale)
 
 
 def _factor(estimate: Estimate, ours: str, subject: str) -> float:

@@ -3,7 +3,7 @@ applied.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -53,6 +53,29 @@ class Estimate:
 
 
 @dataclass(frozen=True)
+class Reference:
+    """An uncertain reference, and its share of the uncertainty of each parameter.
+
+    Args:
+        name: as text.
+        size: as stated, in ``unit``, with its distribution.
+        standard: standard uncertainty, in ``unit``.
+        assumed: whether it stands in the budget only: not in the covariance.
+        at_stops: whether it is another error at each stop.
+        contributions: parameter -> standard uncertainty it contributes, in the parameter's unit.
+    """
+
+    name: str
+    size: float
+    unit: str
+    distribution: str
+    standard: float
+    assumed: bool
+    at_stops: bool
+    contributions: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class Calibration(Tabular):
     """What a method found.
 
@@ -74,6 +97,8 @@ class Calibration(Tabular):
         provenance: what it came from.
         effects: of the instrument that are no terms, such as learned curves: known, without an
             uncertainty.
+        references: the uncertain references; those that were stated are part of the covariance.
+        assumed_covariance: by the references that are assumed, (p, p); None without any.
     """
 
     method: str
@@ -94,6 +119,8 @@ class Calibration(Tabular):
     own_frame: bool = False
     provenance: Mapping[str, Any] = field(default_factory=dict)
     effects: Sequence[Effect] = ()
+    references: Sequence[Reference] = ()
+    assumed_covariance: Array | None = None
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
@@ -114,6 +141,14 @@ class Calibration(Tabular):
         """The unit in which a parameter or a bias table is shown, and the factor into it."""
         columns = self.provenance.get("columns", {})
         return readable_unit(unit, columns.get(name.split(".")[0]))
+
+    @property
+    def with_assumed(self) -> "Calibration":
+        """The same with the references that are assumed in its covariance."""
+        if self.assumed_covariance is None:
+            return self
+        covariance = np.asarray(self.covariance) + self.assumed_covariance
+        return replace(self, covariance=covariance, assumed_covariance=None)
 
     @property
     def heldout_shown(self) -> dict[str, tuple[float, str]]:
@@ -239,6 +274,10 @@ class Calibration(Tabular):
         if "setup" in self.provenance:
             setup = setup_of(self)
             table["terms"] = terms_table(self.instrument(setup.sensor, setup.site.gravity))
+        if self.references:
+            table["references"] = [{**vars(r)} for r in self.references]
+        if self.assumed_covariance is not None:
+            table["assumed_covariance"] = np.asarray(self.assumed_covariance).tolist()
         if self.effects:
             table["effects"] = [to_file(effect) for effect in self.effects]
         if self.own_frame:
@@ -355,6 +394,8 @@ def calibration_from(table: Mapping[str, Any], subject: str = "calibration") -> 
         c.method == "norm" if c.own_frame is None else c.own_frame,
         c.provenance,
         _stored_effects(c.effects, c.provenance, subject),
+        [Reference(**dict(r)) for r in c.references],
+        c.assumed_matrix,
     )
 
 

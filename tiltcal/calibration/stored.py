@@ -79,6 +79,19 @@ class StoredEntry(Stored):
     unit: str
 
 
+class StoredReference(Stored):
+    """An uncertain reference."""
+
+    name: str
+    size: Finite
+    unit: str = ""
+    distribution: str = "normal"
+    standard: Annotated[float, Field(ge=0)]
+    assumed: bool = False
+    at_stops: bool = False
+    contributions: dict[str, Annotated[float, Field(ge=0)]] = {}
+
+
 class StoredCalibration(Stored):
     """CAL.json; only method, verdict and parameters with values are required."""
 
@@ -97,6 +110,8 @@ class StoredCalibration(Stored):
     lookup: Literal["interpolated", "rounded", "smooth"] = "interpolated"
     own_frame: bool | None = None
     effects: list[dict[str, Any]] = []
+    references: list[StoredReference] = []
+    assumed_covariance: list[list[Finite]] | None = None
     provenance: dict[str, Any] = {}
 
     @model_validator(mode="after")
@@ -105,7 +120,18 @@ class StoredCalibration(Stored):
             missing = set(self.parameters) - set(self.covariance.names)
             if missing:
                 raise ValueError(f"a covariance of every parameter; {min(missing)} is not in it")
+        p, assumed = len(self.parameters), self.assumed_covariance
+        if assumed is not None and [len(row) for row in assumed] != [p] * p:
+            raise ValueError(f"an assumed_covariance of {p} by {p}, one row a parameter")
+        unknown = {n for r in self.references for n in r.contributions} ^ set(self.parameters)
+        if self.references and unknown:
+            raise ValueError(f"a contribution to each parameter; {min(unknown)} is not in both")
         return self
+
+    @property
+    def assumed_matrix(self) -> "np.typing.NDArray[np.float64] | None":
+        """The covariance by assumed references, (p, p); None without any."""
+        return None if self.assumed_covariance is None else np.array(self.assumed_covariance)
 
     @property
     def matrix(self) -> "np.typing.NDArray[np.float64]":

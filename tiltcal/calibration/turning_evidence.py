@@ -11,7 +11,7 @@ from tiltcal.calibration.evidence import (
     in_standard_deviations,
     linear_columns,
 )
-from tiltcal.calibration.methods.gyro_rates import block_means, steady_blocks
+from tiltcal.calibration.methods.gyro_rates import block_means, block_references, steady_blocks
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.units import DEG, EARTH_RATE
 from tiltcal.effects.sense import Sense
@@ -46,7 +46,8 @@ def evidence_in_turns(
         return None
     read = recording.sensor(sensor)
     complete = ~np.isnan(read.values).any(axis=1)
-    drive = replay(recording, setup).drive(read.time[complete])
+    course, time = replay(recording, setup), read.time[complete]
+    drive = course.drive(time)
     speed = np.column_stack([np.asarray(jet.v) for jet in drive.axes.values()])
     size = max(round(sensor.rate_hz), 2)
     if np.abs(speed).max() < LEAST_TURN or len(speed) < size:
@@ -62,9 +63,8 @@ def evidence_in_turns(
     noise, most = _noise_of_blocks(left, residual, used, size)
     middle = np.flatnonzero(used) * size + size // 2
     at = sense.rows(middle)
-    unknown = setup.site.latitude_deg is None or setup.site.heading_deg == "unknown"
     earth = np.zeros((0, *residual.shape))
-    if unknown:
+    if setup.site.latitude_deg is None or setup.site.heading_deg == "unknown":
         earth = _earth_rate(sensor, sense, size)[:, used]
     found = Evidence(
         sensor,
@@ -78,6 +78,7 @@ def evidence_in_turns(
         [(float(t) - 0.5, float(t) + 0.5) for t in at.time],
         len(earth),
         "means of 1 s",
+        block_references(sensor, setup, course, time, size).at(used).stated(residual.shape),
     )
     return found.with_scatter(np.array(list(linear_columns(sensor, at).values())), most)
 

@@ -4,6 +4,7 @@ command that runs is imported.
 
 from collections.abc import Sequence
 from itertools import takewhile
+from pathlib import Path
 
 from cyclopts import (
     App,
@@ -18,8 +19,9 @@ from cyclopts import (
 from tiltcal import __version__
 from tiltcal.cli.commands import COMMANDS, GROUPS
 from tiltcal.cli.options import finite
-from tiltcal.cli.output import quietly
+from tiltcal.cli.output import print_note, quietly
 from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.figure_folder import FigureFolder, figures_into
 
 ABOUT = """\
 A testbed for calibrating inclinometers, accelerometers and gyroscopes.
@@ -29,9 +31,10 @@ recordings, with uncertainties and a verdict. Verify algorithms, including
 yours, against the injected errors. Find out which physics a model leaves out.
 
 Every command takes --json (machine-readable output) and --quiet (no progress
-and no notices on stderr), before or after its name.
+and no notices on stderr), before or after its name. Every command that writes
+a report takes --figures DIR: its figures as SVG and PDF files, too.
 """
-JSON, QUIET = "--json", "--quiet"
+JSON, QUIET, FIGURES = "--json", "--quiet", "--figures"
 FIRST_STEPS = """\
 First steps:
 
@@ -83,8 +86,52 @@ def run(arguments: Sequence[str]) -> int:
         TiltcalError: the command line is wrong.
     """
     arguments, quiet = _everywhere(arguments)
-    with quietly(quiet):
-        return _run(arguments)
+    arguments, folder = _with_value(arguments, FIGURES)
+    with quietly(quiet), figures_into(None if folder is None else Path(folder)) as figures:
+        status = _run(arguments)
+    if figures is not None:
+        _require_figures(figures)
+    return status
+
+
+def _with_value(arguments: Sequence[str], option: str) -> tuple[list[str], str | None]:
+    """Arguments without an option of every command, and its value; nothing after ``--`` is
+    touched.
+
+    Raises:
+        TiltcalError: it has no value.
+    """
+    end = list(arguments).index("--") if "--" in arguments else len(arguments)
+    kept: list[str] = []
+    value: str | None = None
+    texts = iter(arguments[:end])
+    for text in texts:
+        name, equals, given = text.partition("=")
+        if name != option:
+            kept.append(text)
+            continue
+        value = given if equals else next(texts, "")
+        if not value or value.startswith("--"):
+            raise TiltcalError(
+                option, found="no folder", need="the name of one", do=f"write {option} DIR"
+            )
+    return [*kept, *arguments[end:]], value
+
+
+def _require_figures(figures: FigureFolder) -> None:
+    """Say how many figures were written.
+
+    Raises:
+        TiltcalError: none: the command wrote no report with a figure.
+    """
+    if not figures.written:
+        raise TiltcalError(
+            FIGURES,
+            found="no report with a figure",
+            need="a command that writes one",
+            do="add its report, such as -o DIR or --report FILE, or leave the option out",
+        )
+    print_note(f"{figures.path}: {len(figures.written)} files of figures")
 
 
 def _everywhere(arguments: Sequence[str]) -> tuple[list[str], bool]:

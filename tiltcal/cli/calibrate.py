@@ -1,7 +1,6 @@
 """``tiltcal calibrate``."""
 
 import tomllib
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,7 +18,6 @@ from tiltcal.cli.certificate import (
 from tiltcal.cli.options import DEFAULT_BUDGET, DescribedBy, Json, MoreBudget, SegmentsFile
 from tiltcal.cli.output import paragraph, print_json, print_table, progress_line
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.progress import silent
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.segment_files import read_segments
 from tiltcal.recordings.span_means import read_averaged
@@ -84,16 +82,15 @@ def calibrate(
     options = parse_options(option)
     if segments:
         options["segments"] = read_segments(segments, recording)
-    with progress_line() if budget or report or dcc else nullcontext(silent) as progress:
-        if budget or (report is None and dcc is None):
-            calibration, found = estimate(method, recording, described, options, budget, progress)
-        else:
-            data = (method, recording, described, options)
-            calibration, found = estimate_for_certificate(*data, progress)
+    data = (method, recording, described, options)
+    if budget or (report is None and dcc is None):
+        calibration, found = estimate(*data, budget)
+    else:
+        calibration, found = estimate_for_certificate(*data)
     if output:
         calibration.save(output)
     dwells = options.get("segments")
-    write_reports(calibration, recording, described, found, dwells, stated, report, dcc)
+    write_reports(calibration, recording, found, dwells, stated, report, dcc)
     if as_json:
         print_json(calibration.to_json() | ({"budget": found.to_json()} if found else {}))
     else:

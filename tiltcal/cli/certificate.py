@@ -15,7 +15,6 @@ from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_note
 from tiltcal.cli.verdict import print_verdict
 from tiltcal.core.errors import TiltcalError
-from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.report.certificate import Certificate, make_certificate, write_certificate
@@ -49,8 +48,8 @@ def certificate(
     """Write the certificate of a calibration.
 
     A page of two printed sides, and with --dcc the digital calibration certificate
-    of PTB. Residuals by pose, the measured tilt error and the uncertainty budget
-    need the recording: `tiltcal calibrate ... --report out.html` has them.
+    of PTB. What was measured at the poses needs the recording, and the budget of
+    assumed sources too: `tiltcal calibrate ... --report out.html` has them.
 
       tiltcal certificate CAL.json -o out.html --serial 1234 --laboratory "Lab, City"
       tiltcal certificate CAL.json --dcc out.xml --date 2026-11-23
@@ -101,7 +100,6 @@ def write_files(made: Certificate, page: Path | None, dcc: Path | None) -> list[
 def write_reports(
     calibration: Calibration,
     recording: Recording,
-    scenario: Scenario,
     budget: UncertaintyBudget | None,
     segments: Sequence[Segment] | None,
     stated: Stated,
@@ -110,7 +108,7 @@ def write_reports(
 ) -> None:
     """What ``tiltcal calibrate`` writes for --report and --dcc."""
     if page is not None or dcc is not None:
-        made = certificate_of(calibration, stated, recording, scenario, budget, segments)
+        made = certificate_of(calibration, stated, recording, budget, segments)
         if page is not None:
             made = replace(made, picture=table_picture(made.setup))
         write_files(made, page, dcc)

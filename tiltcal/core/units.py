@@ -1,5 +1,6 @@
 """Constants and units. SI and radians inside; the unit is part of the name at the border."""
 
+import re
 from dataclasses import dataclass
 from math import pi
 
@@ -110,13 +111,25 @@ UNIT_SIGNS = {
 }
 
 
+RAISED = str.maketrans("23", "²³")
+
+
 def unit_sign(unit: str) -> str:
-    """A unit as printed in a report: ``m_s2_degC1`` -> ``m/s²/°C``."""
+    """A unit as printed in a report: ``m_s2_degC1`` -> ``m/s²/°C``, ``ug_g3`` -> ``µg/g³``."""
     stem, per, power = unit.partition("_degC")
-    text = UNIT_SIGNS.get(stem, stem)
+    text = UNIT_SIGNS.get(stem, "")
+    if not text:
+        first, *others = stem.split("_") if stem in PARAMETER_UNITS else [stem]
+        text = "/".join([UNIT_SIGNS.get(first, first), *others]).translate(RAISED)
     if not per:
         return text
-    return f"{text}/°C" + (f"^{power}" if power not in {"", "1"} else "")
+    return f"{text}/°C" + (power.translate(RAISED) if power not in {"", "1"} else "")
+
+
+def signs_in(text: str) -> str:
+    """A text with its units as printed: ``3 ug/g2`` -> ``3 µg/g²``."""
+    pattern = r"\bug(?:/g[23]?)?\b|\bm/s2\b|\bdeg(?:/[hs])?\b"
+    return re.sub(pattern, lambda found: unit_sign(found[0].replace("/", "_")), text)
 
 
 def split_unit(name: str, units: dict[str, Unit] = COLUMN_UNITS) -> tuple[str, str | None]:

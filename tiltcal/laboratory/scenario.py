@@ -19,7 +19,6 @@ from tiltcal.laboratory.scenario_tables import (
     EffectTable,
     EstimatorTable,
     MethodTable,
-    SourceTable,
 )
 from tiltcal.setup.part import StrictTable
 from tiltcal.setup.schedule import Schedule, build_schedule
@@ -45,7 +44,6 @@ class Scenario(Setup):
     dynamics: Dynamics | None = None
     method: tuple[MethodTable, ...] = ()
     estimator: tuple[EstimatorTable, ...] = ()
-    budget: tuple[SourceTable, ...] = ()
 
     @field_validator("sensor")
     @classmethod

@@ -27,23 +27,6 @@ class EffectTable(BaseModel):
     lasts: bool = True
 
 
-class SourceTable(BaseModel):
-    """One ``[[budget]]``: a source of uncertainty that is not in the record's noise, with its size.
-
-    An effect of the catalogue, or gravity, latitude, heading, fog_axis; each parameter with its
-    unit is a line of the budget.
-    ``distribution`` states what the size is: a standard uncertainty (normal), a half-width
-    (rectangular), or U at k = 2 (expanded).
-    """
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-
-    id: str
-    sensor: str | None = None
-    axis: str | None = None
-    distribution: Literal["normal", "rectangular", "expanded"] = "normal"
-
-
 class Dynamics(StrictTable):
     """A run by time steps instead of prescribed motion: the servo follows, the structure rings.
 

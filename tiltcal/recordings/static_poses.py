@@ -11,8 +11,16 @@ from tiltcal.core.frames import force_of_tilt, parse_up
 from tiltcal.core.quantisation import lsb_grid
 from tiltcal.core.units import DEG
 from tiltcal.forward.kinematics import closed_form
+from tiltcal.forward.signal_chain import make_sense
 from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.references import (
+    NO_REFERENCES,
+    References,
+    Standstills,
+    references,
+    sense_without_table,
+)
 from tiltcal.recordings.replay import replay
 from tiltcal.recordings.samples import Rows
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
@@ -53,6 +61,7 @@ class Poses:
             are known.
         rounding: variance of a mean that coarse quantisation leaves however long it is taken, SI,
             (m, k).
+        references: what uncertain references add to the means.
     """
 
     sensor: Sensor
@@ -67,6 +76,7 @@ class Poses:
     stated: str
     slopes: Array
     rounding: Array
+    references: References = NO_REFERENCES
 
     def __len__(self) -> int:
         return len(self.spans)
@@ -97,6 +107,7 @@ class Poses:
             self.stated,
             self.slopes[mask],
             self.rounding[mask],
+            self.references.at(mask),
         )
 
 
@@ -106,7 +117,7 @@ def find_poses(
     """The poses of a recording.
 
     Raises:
-        TiltcalError: no dwell was found.
+        TiltcalError: no dwell was found, or an uncertain reference does not fit the recording.
     """
     recording.require_increasing()
     if isinstance(recording, MeansTable):
@@ -124,7 +135,7 @@ def find_poses(
     spread = _spread_of(sensor, means, setup.site.gravity)
     residuals = [(c - m) / s for c, m, s in zip(chunks, means, spread, strict=True)]
     noise, inflation = pooled_noise(residuals)
-    up, angles, stated = _known_up(recording, setup.seen_by(sensor), kept)
+    up, angles, stated, drive = _known_up(recording, setup.seen_by(sensor), kept)
     return Poses(
         sensor,
         tuple(PoseSpan(s.start, s.end, s.label) for s in kept),
@@ -139,6 +150,7 @@ def find_poses(
         np.array([_slope(c, s.end - s.start) for c, s in zip(chunks, kept, strict=True)]),
         rounding_variance(_quantisation(readings, slices, sensor, setup), residuals, means)
         * spread**2,
+        _references(recording, setup, sensor, kept, means, up, drive),
     )
 
 
@@ -153,7 +165,7 @@ def _stated_means(table: MeansTable, setup: Setup, sensor: Sensor) -> Poses:
     if sensor.kind == "inclinometer":
         means = force_of_tilt(means, setup.site.gravity)
         sigma = sigma * setup.site.gravity * _spread_of(sensor, means, setup.site.gravity)
-    up, angles, stated = _known_up(table, setup, kept)
+    up, angles, stated, drive = _known_up(table, setup, kept)
     none = np.zeros_like(means)
     return Poses(
         sensor,
@@ -168,7 +180,64 @@ def _stated_means(table: MeansTable, setup: Setup, sensor: Sensor) -> Poses:
         stated,
         np.full_like(means, np.nan),
         none,
+        _references(table, setup, sensor, kept, means, up, drive),
     )
+
+
+def _references(
+    recording: Recording,
+    setup: Setup,
+    sensor: Sensor,
+    segments: Sequence[Segment],
+    means: Array,
+    up: Array,
+    drive: Drive | None,
+) -> References:
+    """What the uncertain references of the set-up add to the means of the dwells."""
+    if not setup.budget:
+        return References()
+    time = np.array([(s.start + s.end) / 2 for s in segments])
+    by_kind = {
+        kind: _body_means(recording, setup, kind, segments) for kind in ("accelerometer", "gyro")
+    }
+    force = by_kind["accelerometer"]
+    force = np.where(np.isnan(up), force, setup.site.gravity * up)
+    if sensor.is_accelerometer:
+        # its own readings: on a tilted base the nominal force has no horizontal part
+        own = list(sensor.axis_indices)
+        known = ~np.isnan(up).any(axis=1)
+        bias = (means - force[:, own])[known].mean(axis=0) if known.any() else 0.0
+        force[:, own] = means - bias
+    by_kind["accelerometer"] = force
+    warm = recording.temperature()
+    if warm is not None:
+        warm = np.array([np.nanmean(warm[s.first : s.last]) for s in segments])
+    sense = sense_without_table(sensor, setup, time, by_kind, warm)
+    if drive is not None and drive.known.all():
+        where = setup.seen_by(sensor)
+        sense = make_sense(sensor, where, closed_form(where, drive), drive)
+        sense = replace(sense, force=force)
+    at = Standstills(sensor, drive, sense)
+    return references(setup, at.reading, np.arange(len(segments)))
+
+
+def _body_means(
+    recording: Recording, setup: Setup, kind: str, segments: Sequence[Segment]
+) -> Array:
+    """Mean readings of the first sensor of a kind, body axes, SI, (m, 3); zero without one."""
+    for sensor in [s for s in setup.sensors(kind) if recording.has(s)][:1]:
+        samples = recording.sensor(sensor)
+        ends = np.searchsorted(samples.rows, [(s.first, s.last) for s in segments])
+        means = [np.nanmean(samples.values[a:b], axis=0) for a, b in ends]
+        return _in_body(sensor, np.nan_to_num(means))
+    return np.zeros((len(segments), 3))
+
+
+def _in_body(sensor: Sensor, readings: Array) -> Array:
+    """Readings as vectors along the body axes, (m, 3), zero where the sensor has no axis."""
+    found = np.zeros((len(readings), 3))
+    found[:, list(sensor.axis_indices)] = readings
+    return found
 
 
 def _slices(found: Sequence[Segment], rows: Rows, source: str) -> tuple[list[Segment], list[slice]]:
@@ -225,12 +294,13 @@ def _spread_of(sensor: Sensor, means: Array, g: float) -> Array:
 
 def _known_up(
     recording: Recording, setup: Setup, segments: Sequence[Segment]
-) -> tuple[Array, dict[str, Array], str]:
-    """Up direction of each pose from the readout, else from labels."""
+) -> tuple[Array, dict[str, Array], str, Drive | None]:
+    """Up direction of each pose from the readout, else from labels, and the table at each."""
     names = setup.rig.axis_names
     up = np.full((len(segments), 3), np.nan)
     stated = "nothing"
     angles: dict[str, Array] = {}
+    drive = None
     if names and all(_was_read(recording, axis) for axis in names):
         drive = _drive_at(recording, setup, segments)
         known = drive.known
@@ -241,7 +311,7 @@ def _known_up(
         if np.isnan(up[i]).any() and s.label and (direction := parse_up(s.label)) is not None:
             up[i] = direction
             stated = "label" if stated == "nothing" else stated
-    return up, angles, stated
+    return up, angles, stated, drive
 
 
 def _was_read(recording: Recording, axis: str) -> bool:

@@ -21,8 +21,14 @@ from tiltcal.report.certificate_tables import (
     inverse_matrices,
     parameter_table,
     pose_table,
-    residual_chart,
     table_blocks,
+)
+from tiltcal.report.improvement import improvements
+from tiltcal.report.indication import (
+    Indication,
+    indication_plots,
+    indications,
+    repeatability,
 )
 from tiltcal.report.page import rendered
 from tiltcal.report.pose_residuals import (
@@ -33,8 +39,9 @@ from tiltcal.report.pose_residuals import (
     pose_rows,
 )
 from tiltcal.report.stated import NOT_STATED, NOTHING_STATED, Stated
+from tiltcal.report.wording import mounting, period
 from tiltcal.setup.setup import Setup
-from tiltcal.validation.uncertainty_budget import COVERAGE, UncertaintyBudget
+from tiltcal.validation.uncertainty_budget import COVERAGE, UncertaintyBudget, budget_of
 
 NO_PICTURE = "it is drawn where the table's model and OpenGL are at hand"
 
@@ -48,7 +55,6 @@ class Certificate:
         setup: site, table and sensors it belongs to.
         stated: by the laboratory.
         budget: GUM budget; None where only the noise of the record is known.
-        assumed: whether nobody stated the budget's sources: they are those of a usual laboratory.
         poses: residuals by pose; None where no recording is at hand.
         temperature: lowest and highest of the recording, degC; None where it is not known.
         picture: of the instrument on its table, PNG; or why there is none.
@@ -60,8 +66,26 @@ class Certificate:
     budget: UncertaintyBudget | None = None
     poses: Sequence[PoseRow] | None = None
     temperature: tuple[float, float] | None = None
-    assumed: bool = False
     picture: bytes | str = NO_PICTURE
+
+    @property
+    def assumed(self) -> bool:
+        """Whether nobody stated the budget's sources: they are those of a usual laboratory."""
+        return any(r.assumed for r in self.calibration.references)
+
+    @cached_property
+    def indications(self) -> list[Indication]:
+        """Error of indication of each axis."""
+        return indications(self.calibration, self.setup, self.poses or ())
+
+    @property
+    def equations(self) -> list[str]:
+        """The model of each sensor, by its terms; else as the method states it."""
+        c = self.calibration
+        sensors = [] if c.of_base() or c.bias_tables else map(self.setup.named, c.sensors())
+        gravity = self.setup.site.gravity
+        found = [c.instrument((s,), gravity).equation(s) for s in sensors]
+        return found or [c.equation] * bool(c.equation)
 
     @cached_property
     def digest(self) -> str:
@@ -127,7 +151,6 @@ def make_certificate(
     recording: Recording | None = None,
     budget: UncertaintyBudget | None = None,
     segments: Sequence[Segment] | None = None,
-    assumed: bool = False,
 ) -> Certificate:
     """A certificate of a calibration.
 
@@ -135,18 +158,19 @@ def make_certificate(
         calibration: with the set-up in its provenance.
         stated: by the laboratory.
         recording: of the fit, for residuals, tilt errors and the temperature.
-        budget: of the calibration.
+        budget: of the calibration; unless given by the references that it carries.
         segments: dwells of the recording; found in it if not given.
-        assumed: whether the sources of the budget are assumed, not stated.
 
     Raises:
         TiltcalError: the calibration carries no set-up.
     """
     setup = setup_of(calibration)
+    if budget is None and calibration.references:
+        budget = budget_of(calibration)
     if recording is None:
-        return Certificate(calibration, setup, stated, budget, assumed=assumed)
+        return Certificate(calibration, setup, stated, budget)
     poses = pose_rows(calibration, recording, setup, segments)
-    return Certificate(calibration, setup, stated, budget, poses, _temperature(recording), assumed)
+    return Certificate(calibration, setup, stated, budget, poses, _temperature(recording))
 
 
 def _temperature(recording: Recording) -> tuple[float, float] | None:
@@ -167,7 +191,9 @@ def write_certificate(certificate: Certificate, path: Path) -> None:
 
 def certificate_page(certificate: Certificate) -> str:
     """The page as HTML text."""
-    c = certificate.calibration
+    c, poses = certificate.calibration, certificate.poses or ()
+    start = min((p.start_s for p in c.poses), default=0.0)
+    budget = certificate.budget
     return rendered(
         "certificate",
         c=certificate,
@@ -179,9 +205,14 @@ def certificate_page(certificate: Certificate) -> str:
         rig=certificate.setup.rig,
         procedure=procedure(c),
         parameters=parameter_table(c, certificate.expanded),
-        budget=budget_table(certificate.budget, c) if certificate.budget else None,
-        poses=pose_table(certificate.poses or ()),
-        chart=residual_chart(certificate.poses or ()),
+        budget=budget_table(budget, c) if budget else None,
+        improvements=improvements(budget, c) if budget else [],
+        poses=pose_table(poses),
+        plots_of=indication_plots(certificate.indications),
+        repeatability=repeatability(certificate.indications, poses),
+        start=start,
+        when=period(start, max((p.end_s for p in c.poses), default=0.0)) if c.poses else "",
+        mount=mounting(str(c.provenance.get("mount", certificate.setup.rig.mount)), start),
         tables=table_blocks(c),
         matrices=inverse_matrices(c, certificate.setup),
         validity=validity(c, certificate.setup, certificate.temperature),
@@ -214,5 +245,9 @@ def _picture(picture: bytes | str) -> dict[str, str]:
 
 
 def _sources(calibration: Calibration) -> dict[str, Any]:
-    """What the calibration came from, without the set-up."""
-    return {k: v for k, v in calibration.provenance.items() if isinstance(v, str | int | float)}
+    """What the calibration came from, without the set-up and the mounting."""
+    own = {k: v for k, v in calibration.provenance.items() if isinstance(v, str | int | float)}
+    own.pop("mount", None)
+    if (temperature := own.pop("temperature_degC", None)) is not None:
+        own["temperature"] = f"{temperature:.4g} °C"
+    return own

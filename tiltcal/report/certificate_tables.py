@@ -30,7 +30,12 @@ def rounded(value: float, uncertainty: float) -> tuple[str, str]:
     if positions > 9:
         return f"{value:.6e}", f"{uncertainty:.1e}"
     kept = max(positions, 0)
-    return f"{round(value, positions):.{kept}f}", f"{round(uncertainty, positions):.{kept}f}"
+    return f"{round(value, positions) + 0.0:.{kept}f}", f"{round(uncertainty, positions):.{kept}f}"
+
+
+def _two_digits(uncertainty: float) -> str:
+    """An uncertainty as text, without a power of ten: ``100`` rather than ``1e+02``."""
+    return rounded(0.0, uncertainty)[1]
 
 
 def parameter_table(
@@ -57,19 +62,20 @@ def budget_table(budget: UncertaintyBudget, calibration: Calibration) -> dict[st
         {
             "letter": letter,
             "name": line.name,
-            "size": f"{line.size:g} {line.unit}" if line.kind == "B" else "by its covariance",
+            "size": f"{line.size:g} {unit_sign(line.unit)}" if b else "by its covariance",
             "distribution": line.distribution,
-            "standard": f"{line.standard:.3g} {line.unit}" if line.kind == "B" else "",
+            "standard": f"{line.standard:.3g} {unit_sign(line.unit)}" if b else "",
         }
         for letter, line in zip(letters, budget.lines, strict=True)
+        for b in [line.kind == "B"]
     ]
     rows = []
     for name, unit in budget.units.items():
         factor, shown = calibration.shown_in(name, unit)
         least = NEGLIGIBLE * budget.combined[name]
         sizes = [line.contributions[name] for line in budget.lines]
-        parts = [f"{size * factor:.2g}" if size >= least else "-" for size in sizes]
-        ends = [f"{u[name] * factor:.2g}" for u in (budget.combined, budget.expanded)]
+        parts = [_two_digits(size * factor) if size >= least else "-" for size in sizes]
+        ends = [_two_digits(u[name] * factor) for u in (budget.combined, budget.expanded)]
         rows.append({"name": name, "unit": unit_sign(shown), "parts": parts, "ends": ends})
     return {"sources": sources, "letters": letters, "rows": rows}
 
@@ -79,7 +85,6 @@ class PoseTable:
     """Rows of the poses that are shown, and what is not."""
 
     angles: list[str]
-    channels: list[str]
     rows: list[dict[str, Any]]
     note: str
 
@@ -87,43 +92,13 @@ class PoseTable:
 def pose_table(poses: Sequence[PoseRow]) -> PoseTable:
     """The residuals by pose; of many poses those with the largest ones."""
     if not poses:
-        return PoseTable([], [], [], "")
+        return PoseTable([], [], "")
     size = [max((abs(r) for r in p.residuals.values()), default=p.after or 0.0) for p in poses]
     largest = np.argsort(size)[::-1][:POSES_SHOWN]
     rows = [{"number": int(k) + 1, "pose": poses[k]} for k in sorted(largest)]
     hidden = len(poses) - len(rows)
-    note = f"The {len(rows)} largest of {len(poses)} poses; the figure shows all." if hidden else ""
-    return PoseTable(list(poses[0].angles), list(poses[0].residuals), rows, note)
-
-
-@dataclass(frozen=True)
-class Chart:
-    """Points of the residuals by pose, in a box of 640 by 120.
-
-    Args:
-        limit: residual at the upper edge, ug.
-        points: channel number, x and y of each point.
-    """
-
-    limit: float
-    channels: list[str]
-    points: list[tuple[int, float, float]]
-
-
-def residual_chart(poses: Sequence[PoseRow]) -> Chart | None:
-    """The figure of all residuals; None without any."""
-    values = [abs(r) for p in poses for r in p.residuals.values()]
-    if not values:
-        return None
-    limit = max(values) * 1.1 or 1.0
-    step = 600 / len(poses)
-    channels = list(poses[0].residuals)
-    points = [
-        (i, 30 + (k + 0.5 + 0.12 * (i - (len(channels) - 1) / 2)) * step, 60 - 55 * r / limit)
-        for k, p in enumerate(poses)
-        for i, r in enumerate(p.residuals.values())
-    ]
-    return Chart(limit, channels, points)
+    note = f"Of {len(poses)} poses the {len(rows)} with the largest residuals." if hidden else ""
+    return PoseTable(list(poses[0].angles), rows, note)
 
 
 def table_blocks(calibration: Calibration) -> list[dict[str, Any]]:

@@ -1,14 +1,15 @@
 """Pages that stand alone: one file that opens offline, with its style, plots and data."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from tiltcal import __version__
 from tiltcal.core.files import write_text
-from tiltcal.core.units import unit_sign
+from tiltcal.core.units import signs_in, unit_sign
+from tiltcal.report.figures import inline_svg, save_figures
 from tiltcal.report.plots import Plot
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -19,21 +20,29 @@ class Numbered:
     """Gives each plot of a page its id.
 
     Args:
-        count: of the plots so far.
+        shown: the plots so far.
+        drawn_by_page: how many of them the page draws itself.
     """
 
-    count: int = 0
+    shown: list[Plot] = field(default_factory=list)
+    drawn_by_page: int = 0
 
     @property
     def any(self) -> bool:
-        """Whether the page has a plot; asked at its end."""
-        return self.count > 0
+        """Whether the page draws a plot; asked at its end."""
+        return self.drawn_by_page > 0
+
+    def still(self, plot: Plot, width_mm: float) -> str:
+        """A plot as SVG, for a page that is printed."""
+        self.shown.append(plot)
+        return inline_svg(plot, width_mm, len(self.shown))
 
     def __call__(self, plot: Plot) -> Mapping[str, Any]:
         """What the macro ``plot`` shows."""
-        self.count += 1
+        self.shown.append(plot)
+        self.drawn_by_page += 1
         return {
-            "id": f"plot-{self.count}",
+            "id": f"plot-{self.drawn_by_page}",
             "height": plot.height,
             "caption": plot.caption,
             "alternative": plot.alternative,
@@ -57,11 +66,17 @@ def write_page(path: Path, template: str, **values: Any) -> None:
 
 def rendered(template: str, **values: Any) -> str:
     """A page from a template. In addition to the values it has ``version``, ``plotly()`` for the
-    script that draws, ``plots(plot)`` for what the macro ``plot`` shows, and the filter ``sign`` of
-    units.
+    script that draws, ``plots(plot)`` for what the macro ``plot`` shows, ``plots.still(plot, mm)``,
+    and the filters ``sign`` of a unit and ``signs`` of a text with units. Its figures are written
+    where the command names a folder for them.
+
+    Raises:
+        TiltcalError: a figure cannot be written.
     """
-    page = _environment().get_template(f"{template}.html.jinja")
-    return page.render(version=__version__, plotly=_plotly, plots=Numbered(), **values)
+    page, plots = _environment().get_template(f"{template}.html.jinja"), Numbered()
+    text = page.render(version=__version__, plotly=_plotly, plots=plots, **values)
+    save_figures(plots.shown, template.replace("_", "-"))
+    return str(text)
 
 
 @cache
@@ -76,6 +91,7 @@ def _environment() -> Any:
         lstrip_blocks=True,
     )
     made.filters["sign"] = unit_sign
+    made.filters["signs"] = signs_in
     return made
 
 

@@ -1,7 +1,7 @@
 """Residuals by pose and tilt errors before and after, for a certificate."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,6 +29,8 @@ class PoseRow:
             one ``norm``.
         before, after: tilt error of the uncorrected and of the corrected mean, arcsec; None where
             the attitude is not known.
+        up: in the body frame, (3,); None where the attitude is not known.
+        uncorrected: as the residuals, of the reading itself.
     """
 
     start_s: float
@@ -38,6 +40,13 @@ class PoseRow:
     residuals: Mapping[str, float]
     before: float | None
     after: float | None
+    up: Array | None = None
+    uncorrected: Mapping[str, float] = field(default_factory=dict)
+
+    def inclination(self, axis: int) -> float:
+        """Angle of a body axis above the horizontal, deg; 0 where the attitude is not known."""
+        up = 0.0 if self.up is None else self.up[axis]
+        return float(np.degrees(np.arcsin(np.clip(up, -1, 1))))
 
 
 @dataclass(frozen=True)
@@ -93,13 +102,14 @@ def _rows(calibration: Calibration, poses: Poses, setup: Setup) -> list[PoseRow]
     if known.sum() >= 3 or (known.any() and not free):
         up = poses.up[known]
         errors[:, known] = [_tilt_errors(x[known], up, g, free) for x in (poses.means, f)]
+    both = np.array([f, poses.means])
     if known.all() and not free:
-        residual, channels = f - g * poses.up[:, list(sensor.axis_indices)], list(sensor.axes)
+        both, channels = both - g * poses.up[:, list(sensor.axis_indices)], list(sensor.axes)
     elif f.shape[1] == 3:
-        residual, channels = (np.linalg.norm(f, axis=1) - g)[:, None], ["norm"]
+        both, channels = np.linalg.norm(both, axis=2)[:, :, None] - g, ["norm"]
     else:
-        residual, channels = np.zeros((len(f), 0)), []
-    micro = residual / (1e-6 * G0)
+        both, channels = np.zeros((2, len(f), 0)), []
+    micro, raw = both / (1e-6 * G0)
     return [
         PoseRow(
             span.start_s,
@@ -107,10 +117,18 @@ def _rows(calibration: Calibration, poses: Poses, setup: Setup) -> list[PoseRow]
             span.label or "",
             {n: float(poses.angles[n][k] / DEG) for n in setup.rig.kind.turning if poses.angles},
             dict(zip(channels, map(float, micro[k]), strict=True)),
-            *(None if np.isnan(e[k]) else float(e[k] / ARCSEC) for e in errors),
+            _arcsec(errors[0, k]),
+            _arcsec(errors[1, k]),
+            None if free or not known[k] else poses.up[k],
+            dict(zip(channels, map(float, raw[k]), strict=True)),
         )
         for k, span in enumerate(poses.spans)
     ]
+
+
+def _arcsec(angle: float) -> float | None:
+    """An angle in arcsec; None where it is NaN. angle: rad."""
+    return None if np.isnan(angle) else float(angle / ARCSEC)
 
 
 def _tilt_errors(f: Array, up: Array, g: float, free: bool) -> Array:
@@ -151,5 +169,5 @@ def expected_tilt(calibration: Calibration, setup: Setup) -> Tilt | None:
     if len(sensor.axes) == 1:
         return None
     before, after, over = predicted_tilt(setup, sensor, calibration)
-    text = f"{over}; by the parameters and their covariance (noise of the record)"
+    text = f"{over}; by the parameters and their covariance (noise, stated references)"
     return Tilt(before / ARCSEC, after / ARCSEC, text)

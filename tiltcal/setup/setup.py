@@ -17,6 +17,7 @@ from tiltcal.core.units import DEG
 from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
 from tiltcal.setup.part import StrictTable
 from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.sources import SourceTable
 from tiltcal.setup.tables import BUILT_IN, Axis, Table, add_model, every_table, find_table, tables
 
 
@@ -149,11 +150,12 @@ def _rig_at(rig: Rig, position: LinkFrame) -> Rig:
 
 
 class Setup(StrictTable):
-    """Site, rig and sensors: what a user knows of a laboratory."""
+    """Site, rig and sensors: what a user knows of a laboratory, and how well."""
 
     site: Site
     rig: Rig
     sensor: tuple[Sensor, ...] = ()
+    budget: tuple[SourceTable, ...] = ()
 
     @model_validator(mode="after")
     def _links_exist(self) -> "Setup":
@@ -161,6 +163,13 @@ class Setup(StrictTable):
             if s.place is not None and s.place.on not in {BASE, *(k.axis for k in self.rig.link)}:
                 raise ValueError(f"sensor '{s.name}' on '{s.place.on}', which is no link")
         return self
+
+    @property
+    def bare(self) -> "Setup":
+        """The set-up alone: of a scenario without what it simulates and judges."""
+        if type(self) is Setup:
+            return self
+        return Setup(site=self.site, rig=self.rig, sensor=self.sensor, budget=self.budget)
 
     def seen_by(self, sensor: Sensor) -> Self:
         """The set-up with the instrument where one sensor sits."""

@@ -3,11 +3,12 @@ Gauss-Newton. With it, orthonormal bases of the column space of a design matrix.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 
 DISTINCT = 1e-9  # least share of a column's energy that is a direction of its own, per column
 
@@ -41,6 +42,53 @@ SINGULAR = 1e-8  # of the largest singular value of the column-scaled design
 
 
 @dataclass(frozen=True)
+class CommonErrors:
+    """Errors that several observations share, such as those of a reference.
+
+    With independent errors of unit variance, and columns u that belong to the fit, the covariance
+    of the observations is ``C = 1 + U U'``. Its inverse square root weights observations and design
+    (generalised least squares); of U = Q s V' it is ``1 + Q (1/sqrt(1 + s^2) - 1) Q'``.
+
+    Args:
+        columns: what one standard deviation of each error adds to the whitened observations,
+            (n, q).
+        fitted: which are part of the covariance; the others are propagated only, (q,).
+    """
+
+    columns: Array
+    fitted: Mask
+
+    def weight(self, rows: Array) -> Array:
+        """``C^-1/2`` times some whitened observations or columns of them, (n,) or (n, p)."""
+        Q, factor = self._root
+        part = Q.T @ rows
+        return np.asarray(rows + Q @ (factor * part.T).T)
+
+    def times(self, matrix: Array) -> "CommonErrors":
+        """Of linear combinations of the observations. matrix: (m, n)."""
+        return replace(self, columns=matrix @ self.columns)
+
+    def followed_by(self, count: int) -> "CommonErrors":
+        """Of more observations, which are independent of them."""
+        more = np.zeros((count, self.columns.shape[1]))
+        return replace(self, columns=np.concatenate([self.columns, more]))
+
+    def propagated(self) -> "CommonErrors":
+        """The same errors where the observations are whitened by all of their covariance."""
+        return replace(self, fitted=np.zeros_like(self.fitted))
+
+    @cached_property
+    def _root(self) -> tuple[Array, Array]:
+        Q, s, _ = np.linalg.svd(self.columns[:, self.fitted], full_matrices=False)
+        return Q, 1 / np.sqrt(1 + s * s) - 1
+
+
+def no_common_errors(n: int) -> CommonErrors:
+    """Of n independent observations."""
+    return CommonErrors(np.zeros((n, 0)), np.zeros(0, bool))
+
+
+@dataclass(frozen=True)
 class Fit:
     """A solved least-squares problem in whitened coordinates.
 
@@ -53,6 +101,7 @@ class Fit:
         iterations: of Gauss-Newton; 1 for a linear fit.
         condition: of the column-scaled design.
         rank: number of independent parameters that were fitted; that of ``names`` unless given.
+        contributions: what one standard deviation of each common error changes, (p, q).
     """
 
     names: tuple[str, ...]
@@ -63,6 +112,33 @@ class Fit:
     iterations: int = 1
     condition: float = 1.0
     rank: int | None = None
+    contributions: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def selected(self, keep: Mask) -> "Fit":
+        """Some of the parameters: the uncertainty of the others stays in theirs. keep: (p,)."""
+        names = [name for name, kept in zip(self.names, keep, strict=True) if kept]
+        return self.mapped(names, self.values[keep], np.eye(len(keep))[keep])
+
+    def mapped(self, names: Sequence[str], values: Array, slopes: Array) -> "Fit":
+        """Functions of the parameters.
+
+        Args:
+            names: of the functions, (r,).
+            values: (r,).
+            slopes: of each function with each parameter, (r, p).
+        """
+        rank = len(self.names) if self.rank is None else self.rank
+        shares = self.contributions
+        shares = shares if len(shares) else np.zeros((len(self.names), 0))
+        covariance = slopes @ self.covariance @ slopes.T
+        return replace(
+            self,
+            names=tuple(names),
+            values=values,
+            covariance=covariance,
+            rank=rank,
+            contributions=slopes @ shares,
+        )
 
     @property
     def dof(self) -> int:
@@ -89,12 +165,22 @@ class Fit:
         return float(self.values[self.names.index(name)]) if name in self.names else 0.0
 
 
-def linear_fit(names: Sequence[str], design: Array, target: Array) -> Fit:
+def linear_fit(
+    names: Sequence[str], design: Array, target: Array, common: CommonErrors | None = None
+) -> Fit:
     """Least squares of ``design @ values = target``, both whitened: (n, p), (n,).
 
     Parameters with a part in the null space are dropped and named; the others are what the data do
     determine.
+
+    Args:
+        names: of the parameters, (p,).
+        design: (n, p).
+        target: (n,).
+        common: errors that the observations share.
     """
+    common = no_common_errors(len(target)) if common is None else common
+    design, target, shared = (common.weight(x) for x in (design, target, common.columns))
     scale = np.linalg.norm(design, axis=0)
     seen = scale > SINGULAR * max(float(scale.max(initial=0.0)), 1e-300)
     scale = np.where(seen, scale, 1.0)
@@ -102,17 +188,18 @@ def linear_fit(names: Sequence[str], design: Array, target: Array) -> Fit:
     rank = int(np.sum(s > SINGULAR * s[0])) if len(s) and s[0] > 0 else 0
     u, s, vt = u[:, :rank], s[:rank], vt[:rank]
     keep = seen & (np.abs((vt * vt).sum(axis=0) - 1) < 1e-9)  # no part of it lies in the null space
-    values = vt.T @ ((u.T @ target) / s) / scale
+    gain = vt.T / s / scale[:, None]
     covariance = ((vt.T / s**2) @ vt) / np.outer(scale, scale)
     return Fit(
         tuple(name for name, k in zip(names, keep, strict=True) if k),
-        values[keep],
+        (gain @ (u.T @ target))[keep],
         covariance[np.ix_(keep, keep)],
         target - u @ (u.T @ target),
         tuple(name for name, k in zip(names, keep, strict=True) if not k),
         1,
         float(s[0] / s[-1]) if rank else float("inf"),
         rank,
+        (gain @ (u.T @ shared))[keep],
     )
 
 
@@ -121,6 +208,7 @@ def gauss_newton(
     start: Array,
     problem: Callable[[Array], tuple[Array, Array]],
     *,
+    common: CommonErrors | None = None,
     tolerance: float = 1e-4,
     limit: int = 60,
 ) -> tuple[Fit, bool]:
@@ -133,6 +221,7 @@ def gauss_newton(
         names: of the parameters.
         start: (p,).
         problem: x -> (whitened residuals (n,), their Jacobian (n, p)).
+        common: errors that the residuals share.
         tolerance: of the step, in standard uncertainties.
         limit: of iterations.
 
@@ -141,6 +230,8 @@ def gauss_newton(
     """
     x = np.array(start, dtype=float)
     r, J = problem(x)
+    common = no_common_errors(len(r)) if common is None else common
+    r, J = common.weight(r), common.weight(J)
     damping = 0.0
     for iteration in range(1, limit + 1):  # noqa: B007  its last value is reported
         scale = np.linalg.norm(J, axis=0)
@@ -150,7 +241,7 @@ def gauss_newton(
         small = np.linalg.norm(step * scale) <= tolerance * (1 + np.linalg.norm(r))
         if small and damping == 0.0:
             break
-        r_new, J_new = problem(x + step)
+        r_new, J_new = map(common.weight, problem(x + step))
         if np.all(np.isfinite(r_new)) and r_new @ r_new <= (r @ r) * (1 + 1e-9) + 1e-18:
             x, r, J = x + step, r_new, J_new
             damping = damping / 10 if damping > 1e-6 else 0.0
@@ -160,9 +251,8 @@ def gauss_newton(
             damping = max(10 * damping, 1e-4)
             if damping > 1e12:
                 break
-    fit = linear_fit(names, J, -r)
+    weighted = replace(common, columns=common.weight(common.columns)).propagated()
+    fit = linear_fit(names, J, -r, weighted)
     kept = [name in fit.names for name in names]
-    done = Fit(
-        fit.names, x[kept], fit.covariance, r, fit.dropped, iteration, fit.condition, fit.rank
-    )
+    done = replace(fit, values=x[kept], residuals=r, iterations=iteration)
     return done, iteration < limit and damping <= 1e12

@@ -21,7 +21,7 @@ from tiltcal.validation.accuracy import TiltError
 from tiltcal.validation.limits import Limit, dof_of_mean, limits_of, tilts
 from tiltcal.validation.online.judging import OnlineResult, run_estimator
 from tiltcal.validation.runs import Keeper, Row, Run, Workers, results_by_seed
-from tiltcal.validation.uncertainty_budget import UncertaintyBudget, make_budget
+from tiltcal.validation.uncertainty_budget import UncertaintyBudget, budget_of
 
 RUN_BYTES = 20_000  # of memory for a run and its calibration, measured
 RUN_S = 0.02  # of a short run
@@ -152,7 +152,7 @@ def run_scenario(
     results = []
     for k, m in enumerate(scenario.method):
         of_method = [run for s in seeds if (run := s.runs[k]) is not None]
-        results.append(_judged(scenario, m, of_method, recording))
+        results.append(_judged(scenario, m, of_method))
     for e in scenario.estimator:
         progress(f"{scenario.name}: {e.title}, sample by sample")
         results.append(_run_estimator(scenario, e, recording, laboratory))
@@ -178,30 +178,18 @@ def _require_runnable(scenario: Scenario, source: str, allow_commands: bool) -> 
             )
 
 
-def _judged(
-    scenario: Scenario, table: MethodTable, runs: Sequence[Run], recording: Recording
-) -> MethodResult:
-    """A method over its runs. recording: of the first."""
+def _judged(scenario: Scenario, table: MethodTable, runs: Sequence[Run]) -> MethodResult:
+    """A method over its runs."""
     seconds = sum(run.row.seconds for run in runs)
     failed = [run.row for run in runs if run.row.error is not None]
     if failed:
         first, where = failed[0], f"{len(failed)} of {len(runs)} runs, first seed {failed[0].seed}"
         text = first.error if len(runs) == 1 else f"{first.error} ({where})"
         return MethodResult(table.title, tuple(runs), seconds=seconds, error=text)
-    try:
-        budget = _budget(scenario, table, recording)
-    except TiltcalError as error:
-        return MethodResult(table.title, tuple(runs), seconds=seconds, error=str(error))
+    found = runs[0].calibration
+    budget = budget_of(found) if found is not None and found.references else None
     limits = tuple(limits_of(scenario, table, [run.row for run in runs]))
     return MethodResult(table.title, tuple(runs), limits, seconds, budget=budget)
-
-
-def _budget(
-    scenario: Scenario, table: MethodTable, recording: Recording
-) -> UncertaintyBudget | None:
-    if not scenario.budget or table.name is None:
-        return None
-    return make_budget(table.name, recording, scenario, scenario.budget, **table.options)[1]
 
 
 def _run_estimator(

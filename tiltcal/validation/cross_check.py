@@ -362,7 +362,7 @@ def _common_turn(evidence: Evidence, up: Array, left: Array) -> Array:
     """The rotation that all rows have in common, rad, (3,); zero unless the frame is the sensor's
     own.
     """
-    if not len(evidence.nuisance):
+    if not evidence.free:
         return np.zeros(3)
     A = np.array([np.cross(axis, up).ravel() for axis in np.eye(3)]).T
     return np.asarray(np.linalg.lstsq(A, left.ravel(), rcond=None)[0])

@@ -14,6 +14,7 @@ from tiltcal.core.tasks.engines import Engine, shared_engine
 from tiltcal.core.tasks.outcome import Limits
 from tiltcal.core.tasks.run_tasks import Task, outcomes
 from tiltcal.laboratory.laboratory import Laboratory
+from tiltcal.laboratory.reference_errors import with_reference_errors
 from tiltcal.laboratory.scenario import Scenario, fresh
 from tiltcal.laboratory.scenario_tables import MethodTable
 from tiltcal.recordings.recording import Recording
@@ -211,7 +212,7 @@ def _recorded(scenario: Scenario, laboratory: Laboratory, seed: int) -> Recordin
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):
-        return laboratory.record(scenario, seed)
+        return laboratory.record(with_reference_errors(scenario, seed), seed)
 
 
 def _run_apart(make_laboratory: Callable[[], Laboratory], scenario: Scenario, k: int) -> SeedResult:
@@ -234,7 +235,7 @@ def run_seed(scenario: Scenario, laboratory: Laboratory, k: int) -> SeedResult:
 
     seed = scenario.seed + k
     with threadpool_limits(1, user_api="blas"):  # sums in the same order everywhere
-        recording = laboratory.record(scenario, seed)
+        recording = laboratory.record(with_reference_errors(scenario, seed), seed)
         runs = tuple(
             run_method(scenario, m, recording, seed) if k < m.runs else None
             for m in scenario.method

@@ -4,16 +4,18 @@ fit.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from tiltcal import __version__
-from tiltcal.calibration.result import Calibration, Estimate
+from tiltcal.calibration.result import Calibration, Estimate, Reference
 from tiltcal.calibration.validity import SIGNIFICANCE, Test, Verdict
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.references import References
 from tiltcal.recordings.static_poses import Poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
@@ -139,20 +141,40 @@ def wrap_up(
         heldout_rms=heldout or {},
         warnings=notes,
         provenance=provenance(recording),
+        **split_of(poses.references, fit.names, fit.contributions),
     )
 
 
-def without(fit: Fit, prefix: str) -> Fit:
-    """A fit without the parameters whose names begin so: their uncertainty stays in that of the
-    others.
+def split_of(references: References, names: Sequence[str], contributions: Array) -> dict[str, Any]:
+    """What a Calibration says of its uncertain references: ``references`` with their shares of the
+    uncertainty, and ``assumed_covariance``.
+
+    Args:
+        references: of the observations.
+        names: of the parameters, (p,).
+        contributions: of each column of the references, in the parameters' units, (p, q).
     """
-    keep = np.array([not name.startswith(prefix) for name in fit.names], dtype=bool)
-    return replace(
-        fit,
-        names=tuple(np.array(fit.names)[keep].tolist()),
-        values=fit.values[keep],
-        covariance=fit.covariance[np.ix_(keep, keep)],
-    )
+    if not references.sources:
+        return {}
+    shares = references.shares(contributions).T.tolist()
+    assumed = contributions[:, ~references.fitted]
+    listed = [
+        Reference(
+            s.name,
+            s.size,
+            s.unit,
+            s.distribution,
+            s.standard,
+            s.assumed,
+            s.at_stops,
+            dict(zip(names, share, strict=True)),
+        )
+        for s, share in zip(references.sources, shares, strict=True)
+    ]
+    return {
+        "references": listed,
+        "assumed_covariance": assumed @ assumed.T if assumed.size else None,
+    }
 
 
 def with_equation(result: Calibration, sensor: Sensor, setup: Setup) -> Calibration:

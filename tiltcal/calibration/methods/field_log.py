@@ -3,7 +3,7 @@ difference of the two sensors.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,11 +12,14 @@ from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG, G0
+from tiltcal.effects.base import Effect
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.references import References, log_reader, references
 from tiltcal.recordings.segmentation import Segment, dwells
 from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
+from tiltcal.statistics.least_squares import CommonErrors
 
 # s: means over it make the bias by the noise in H negligible (0.1 ppm; 1 ppm sample by sample)
 BLOCK = 0.1
@@ -134,6 +137,31 @@ def field_log(
         bias,
         float(min(p.counts.sum() - len(p) for p in poses)),
     )
+
+
+def log_references(
+    log: FieldLog, recording: Recording, setup: Setup, gyro: Sensor, fog: Sensor
+) -> References:
+    """What uncertain references add to the readings of gyro and FOG in each block, rad/s,
+    (q, n, 4).
+    """
+    if not setup.budget:
+        return References()
+    still = np.zeros_like(log.rate)
+    by_kind = {"gyro": log.rate, "accelerometer": still if log.force is None else log.force * G0}
+    readers = [log_reader(recording, setup, s, log.time, by_kind) for s in (gyro, fog)]
+
+    def evaluate(where: Setup, effect: Effect | None) -> Array:
+        return np.hstack([read(where, effect) for read in readers])
+
+    return references(setup, evaluate, log.rest)
+
+
+def errors_of_difference(log: FieldLog, uncertain: References) -> CommonErrors:
+    """What uncertain references add to the difference of the two sensors, rad/s, (n, q)."""
+    slopes = np.tile(np.append(log.axis, -1.0), (len(log.time), 1))
+    found = uncertain.along(slopes)
+    return replace(found, columns=found.columns - found.columns[log.rest == 0].mean(axis=0))
 
 
 def hand_turns(log: FieldLog) -> list[HandTurn]:

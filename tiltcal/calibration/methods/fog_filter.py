@@ -89,9 +89,17 @@ def patent_problem(log: FieldLog) -> Problem:
     )
 
 
-def augmented_problem(log: FieldLog, walk: float = 0.0, zero: float = ZERO_PRIOR) -> Problem:
-    """Rests and turns together, with the error of the rest mean and (with an accelerometer)
-    g-sensitivity as states.
+def augmented_problem(
+    log: FieldLog, walk: float = 0.0, zero: float = ZERO_PRIOR, stated: Array | None = None
+) -> Problem:
+    """Rests and turns together, with the error of the rest mean, (with an accelerometer)
+    g-sensitivity, and errors of stated references as states.
+
+    Args:
+        log: of the calibration.
+        walk: variance that the zero gains a second, (rad/s)^2/s.
+        zero: standard deviation of c, rad/s.
+        stated: what one standard uncertainty of each reference adds to z, rad/s, (n, q).
     """
     columns = [log.axis * log.turned, np.ones((len(log.time), 1))]
     prior = [SCALE_PRIOR**2] * 3 + [zero**2]
@@ -99,6 +107,9 @@ def augmented_problem(log: FieldLog, walk: float = 0.0, zero: float = ZERO_PRIOR
         # c is counted from the first rest's pose
         columns.append(log.force - log.force[log.rest == 0].mean(axis=0))
         prior += [GSENS_PRIOR**2] * 3
+    if stated is not None:
+        columns.append(stated)
+        prior += [1.0] * stated.shape[1]
     step = np.diff(log.time, prepend=log.time[0])
     return Problem(log.difference, np.hstack(columns), log.variance, np.array(prior), walk, step)
 

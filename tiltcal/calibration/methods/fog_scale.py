@@ -10,9 +10,22 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.calibration.methods.common import pick_sensor, require_triad, wrap_up
-from tiltcal.calibration.methods.field_log import FieldLog, field_log, hand_turns, rests_with_motion
+from tiltcal.calibration.methods.field_log import (
+    FieldLog,
+    errors_of_difference,
+    field_log,
+    hand_turns,
+    log_references,
+    rests_with_motion,
+)
 from tiltcal.calibration.methods.fog_checks import LEAST_COMPONENT, fog_notes, log_tests, still_test
-from tiltcal.calibration.methods.fog_filter import Filtered, augmented_problem, batch, kalman
+from tiltcal.calibration.methods.fog_filter import (
+    Filtered,
+    Problem,
+    augmented_problem,
+    batch,
+    kalman,
+)
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.calibration.screen.columns import unit_test
@@ -22,10 +35,12 @@ from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG, DEG_H, EARTH_RATE
 from tiltcal.recordings.joining import joins_of, parts_of
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.references import References
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.recordings.static_poses import Poses, PoseSpan, find_poses
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
-from tiltcal.statistics.least_squares import Fit
+from tiltcal.statistics.least_squares import CommonErrors, Fit
 
 
 def axis_covariance(axis: Array, error: float) -> Array:
@@ -137,9 +152,7 @@ def fog_scale(
     """
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
     if len(joins_of(recording)):
-        days = [fog_scale(p, setup, sensor=sensor, fog=fog) for p in parts_of(recording)]
-        axis = pick_sensor(setup, recording, ("fog",), fog, NAME).input_vector
-        return combined(days, gyro.name, axis_covariance(axis, axis_error_deg * DEG))
+        return _several_days(recording, setup, gyro, fog, axis_error_deg * DEG)
     require_triad(gyro, NAME, "add the others")
     reference = pick_sensor(setup, recording, ("fog",), fog, NAME)
     live = [t for each in (gyro, reference) for t in channel_tests(recording, each)]
@@ -147,7 +160,9 @@ def fog_scale(
     rests = dwells(found)
     log = field_log(recording, setup, gyro, reference, found)
     walk = _walk(log)
-    problem = augmented_problem(log, walk)
+    uncertain = log_references(log, recording, setup, gyro, reference)
+    errors = errors_of_difference(log, uncertain)
+    problem = augmented_problem(log, walk, stated=errors.columns[:, errors.fitted])
     state = kalman(problem)
     tests = [
         *log_tests(log, problem, state, gyro, recording.source),
@@ -157,17 +172,17 @@ def fog_scale(
     ]
     poses = find_poses(recording, setup, gyro, rests)
     residuals = (problem.z - problem.H @ state.x) / np.sqrt(problem.R)
-    fit = _scale_and_bias(gyro.name, log, state, poses, residuals, axis_error_deg * DEG)
+    noise = _scale_and_bias(gyro.name, log, state, poses, residuals, axis_error_deg * DEG)
     seen = np.abs(reference.input_vector) >= LEAST_COMPONENT
     determined = seen & (np.sqrt(np.diag(state.scale_covariance)) < UNCERTAIN)
     result = wrap_up(
         NAME,
         verdict_of(tests, bool(determined.all())),
-        fit,
+        _with_references(noise, log, problem, uncertain, errors),
         ["1"] * 3 + ["rad_s"] * 3,
         tests,
         fog_notes(log, state, walk, determined),
-        poses,
+        replace(poses, references=uncertain),
         recording,
         equation=f"{gyro.name}_i = bias_i + (1 + scale_i) w_i",
         inverse="w = (reading - bias) / (1 + scale)",
@@ -175,6 +190,34 @@ def fog_scale(
     turns = [PoseSpan(t.start, t.end, f"turn {t.words()}") for t in hand_turns(log)]
     ratio = state.chi2 / max(state.used, 1)
     return replace(result, poses=[*result.poses, *turns], chi2_per_dof=ratio, dof=state.used)
+
+
+def _several_days(
+    recording: Recording, setup: Setup, gyro: Sensor, fog: str | None, axis_error: float
+) -> Calibration:
+    """Joined recordings, each with its own bias; uncertain references are those of the last, and do
+    not average. axis_error: of the FOG's axis, rad.
+    """
+    parts = parts_of(recording)
+    alone = setup.model_copy(update={"budget": ()})
+    days = [fog_scale(part, alone, sensor=gyro.name, fog=fog) for part in parts]
+    axis = pick_sensor(setup, recording, ("fog",), fog, NAME).input_vector
+    result = combined(days, gyro.name, axis_covariance(axis, axis_error))
+    if not setup.budget:
+        return result
+    last = fog_scale(parts[-1], setup, sensor=gyro.name, fog=fog)
+    covariance = result.covariance + last.covariance - days[-1].covariance
+    sigmas = np.sqrt(np.diag(covariance)).tolist()
+    return replace(
+        result,
+        covariance=covariance,
+        parameters={
+            name: replace(e, sigma=sigma)
+            for (name, e), sigma in zip(result.parameters.items(), sigmas, strict=True)
+        },
+        references=last.references,
+        assumed_covariance=last.assumed_covariance,
+    )
 
 
 def _scale_and_bias(
@@ -190,6 +233,23 @@ def _scale_and_bias(
     names = [f"{gyro}.{term}_{a}" for term in ("scale", "bias") for a in AXES]
     values = np.concatenate([state.scale, log.bias[:3]])
     return Fit(tuple(names), values, covariance, residuals)
+
+
+def _with_references(
+    fit: Fit, log: FieldLog, problem: Problem, uncertain: References, errors: CommonErrors
+) -> Fit:
+    """The fit with what each uncertain reference changes: the scale factors are linear in the
+    measurements, a bias is the mean of the first rest.
+    """
+    if not len(errors.fitted):
+        return fit
+    X = np.array([batch(replace(problem, z=column)).x[:3] for column in errors.columns.T])
+    scale = X.T * (1 + fit.values[:3, None]) ** 2  # S = X / (1 - X): dS/dX = (1 + S)^2
+    first = np.flatnonzero(log.rest == 0)
+    bias = uncertain.columns[:, first, :3].mean(axis=1).T
+    covariance = fit.covariance.copy()
+    covariance[3:, 3:] += bias[:, errors.fitted] @ bias[:, errors.fitted].T
+    return replace(fit, covariance=covariance, contributions=np.concatenate([scale, bias]))
 
 
 def _with_moves(segments: Sequence[Segment], recording: Recording) -> list[Segment]:

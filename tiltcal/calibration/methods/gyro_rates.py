@@ -3,7 +3,7 @@ linear terms.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,21 +21,23 @@ from tiltcal.calibration.screen.causes import Misfit, cause_test, lacking_terms,
 from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.calibration.screen.columns import order_test, unit_test
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
-from tiltcal.core.arrays import Array, Mask
+from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.numerical import undetermined
 from tiltcal.core.units import DEG
+from tiltcal.effects.base import Effect
 from tiltcal.effects.sense import Sense
 from tiltcal.forward.kinematics import closed_form
-from tiltcal.forward.signal_chain import make_sense
+from tiltcal.forward.signal_chain import make_sense, readings
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.replay import replay
+from tiltcal.recordings.references import NO_REFERENCES, References, references
+from tiltcal.recordings.replay import Replay, nearest_rows, replay
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive
-from tiltcal.statistics.least_squares import Fit, linear_fit
+from tiltcal.statistics.least_squares import CommonErrors, Fit, linear_fit
 
 NAME = "gyro_rates"
 BLOCK = 0.5  # s: the shortest time in which the table's readout resolves a rate
@@ -109,7 +111,7 @@ def gyro_rates(
         [units[n] for n in fit.names],
         tests,
         _notes(setup, ramps_used=used.sum() > blocks.steady.sum(), uncertain=uncertain),
-        poses,
+        replace(poses, references=blocks.references),
         recording,
         equation="",
         inverse="w by Newton's iteration from M^-1 (reading - bias)",
@@ -144,6 +146,7 @@ class Blocks:
         size: samples of a block.
         gyro: that was read.
         sense: what it senses at every sample.
+        references: what uncertain references add to the means, (q, b, k).
     """
 
     names: Sequence[str]
@@ -154,6 +157,7 @@ class Blocks:
     size: int
     gyro: Sensor
     sense: Sense
+    references: References = NO_REFERENCES
 
     def misfit(self, used: Mask, fit: Fit) -> Misfit:
         """What a fit over some of the blocks leaves. used: (blocks,)."""
@@ -183,7 +187,7 @@ class Blocks:
                 )
                 for words, courses in lacking.items()
             },
-        )
+        ).weighted(self._common(used))
 
     def _delayed(self) -> Array:
         """Errors of readings that lag or lead the readout by up to a block, (c, 1, n, k)."""
@@ -196,9 +200,16 @@ class Blocks:
                 found.append([np.column_stack(read) - true])
         return np.array(found)
 
-    def fit(self, used: Mask) -> Fit:
-        """Least squares over some of the blocks. used: (blocks,)."""
-        return fit_blocks(self.names, self.columns[:, used], self.target[used], self.whiten)
+    def fit(self, used: Mask | Index) -> Fit:
+        """Least squares over some of the blocks. used: (blocks,), or their numbers."""
+        target, common = self.target[used], self._common(used)
+        return fit_blocks(self.names, self.columns[:, used], target, self.whiten, common)
+
+    def _common(self, used: Mask | Index) -> CommonErrors:
+        """What uncertain references add to some of the blocks. used: (blocks,), or numbers."""
+        count = len(self.target[used])
+        whiten = np.broadcast_to(self.whiten, (count, *self.whiten.shape))
+        return self.references.at(used).whitened(whiten)
 
     def held_out(self, used: Mask) -> float:
         """Rms of blocks left out of the fit, in FOLDS stretches, rad/s. used: (blocks,)."""
@@ -218,9 +229,15 @@ def whitened(columns: Array, whiten: Array) -> Array:
     return np.einsum("ij,pbj->bip", whiten, columns).reshape(-1, len(columns))
 
 
-def fit_blocks(names: Sequence[str], columns: Array, target: Array, whiten: Array) -> Fit:
+def fit_blocks(
+    names: Sequence[str],
+    columns: Array,
+    target: Array,
+    whiten: Array,
+    common: CommonErrors | None = None,
+) -> Fit:
     """Least squares over blocks and channels. columns: (p, b, k); target: (b, k)."""
-    return linear_fit(names, whitened(columns, whiten), (target @ whiten.T).ravel())
+    return linear_fit(names, whitened(columns, whiten), (target @ whiten.T).ravel(), common)
 
 
 def _blocks(
@@ -229,7 +246,8 @@ def _blocks(
     """The blocks of a recording, and the unit of each parameter."""
     samples = recording.sensor(gyro)
     complete = ~np.isnan(samples.values).any(axis=1)
-    drive = replay(recording, setup).drive(samples.time[complete])
+    course, time = replay(recording, setup), samples.time[complete]
+    drive = course.drive(time)
     speed = np.column_stack([np.asarray(jet.v) for jet in drive.axes.values()])
     _require_turning(speed, recording)
     sense = make_sense(gyro, setup, closed_form(setup.seen_by(gyro), drive), drive)
@@ -248,8 +266,31 @@ def _blocks(
         size,
         gyro,
         sense,
+        block_references(gyro, setup, course, time, size),
     )
     return blocks, dict(zip(names, units, strict=True))
+
+
+def block_references(
+    sensor: Sensor, setup: Setup, course: Replay, time: Array, size: int
+) -> References:
+    """What uncertain references add to means over blocks of a rate sensor on a table.
+
+    Args:
+        sensor: which.
+        setup: of the recording.
+        course: its readout.
+        time: of the samples, s, (n,).
+        size: samples of a block.
+    """
+
+    def evaluate(where: Setup, effect: Effect | None) -> Array:
+        effects = () if effect is None else (effect,)
+        predicted = readings(where, course, {sensor.name: time}, effects)[sensor.name]
+        return block_means(predicted, size)
+
+    middle = time[np.arange(len(time) // size) * size + size // 2]
+    return references(setup, evaluate, course.stop[nearest_rows(course.time, middle)])
 
 
 def _require_turning(speed: Array, recording: Recording) -> None:

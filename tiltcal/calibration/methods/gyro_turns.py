@@ -3,10 +3,11 @@ reference.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, without, wrap_up
+from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, wrap_up
 from tiltcal.calibration.methods.gyro_model import (
     EARTH,
     TERMS,
@@ -17,6 +18,7 @@ from tiltcal.calibration.methods.gyro_model import (
 )
 from tiltcal.calibration.methods.gyro_turns_model import (
     EDGE,
+    Equations,
     Series,
     Turns,
     collect_turns,
@@ -32,9 +34,12 @@ from tiltcal.calibration.screen.columns import columns_test
 from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import tangents
 from tiltcal.core.numerical import undetermined
 from tiltcal.core.units import DEG, G0
+from tiltcal.effects.base import Effect
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.references import ChangedRecording, References, log_reader, references
 from tiltcal.recordings.segmentation import Segment, find_segments
 from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.sensor import Sensor
@@ -83,13 +88,16 @@ def gyro_turns(
     accel = pick_sensor(setup, recording, ("accelerometer",), None, NAME)
     live = [t for each in (gyro, accel) for t in channel_tests(recording, each)]
     found = list(find_segments(recording)) if segments is None else list(segments)
-    rests = find_poses(recording, setup, gyro, found)
-    by_norm = norm(recording, setup, segments=found, sensor=accel.name)
-    _require_turns(rests, recording)
-    turns, static = _turns_and_rests(recording, setup, found, gyro, accel, rests, by_norm)
+    rests, turns, static = _turns_and_rests(recording, setup, found, gyro, accel)
     names = parameter_names(gyro.name, terms)
     names += turns.earth.names
     fit, converged = solve(turns, static, names)
+    if setup.budget and not fit.dropped:
+        x = np.array([fit.value(n) for n in names])
+        equations = Equations(turns, static, names, np.ones(3), tangents(turns.after))
+        uncertain = _references(recording, setup, found, (gyro, accel), equations, x)
+        rests = replace(rests, references=uncertain)
+        fit, converged = solve(turns, static, names, x, rests.references)
     heldout = _held_out(turns, static, names, fit)
     tests = [_fit_test(turns, fit, names), _columns_test(turns, rests), *live]
     if not tests[0].passed:
@@ -99,7 +107,7 @@ def gyro_turns(
         f"held-out error of gravity's direction after a turn: {heldout / DEG:.3g} deg rms",
         _earth_note(setup),
     ]
-    fit = without(fit, EARTH)
+    fit = fit.selected(np.array([not name.startswith(EARTH) for name in fit.names]))
     return wrap_up(
         NAME,
         verdict_of(tests, converged and not fit.dropped and fit.dof > 0),
@@ -153,10 +161,12 @@ def _turns_and_rests(
     segments: Sequence[Segment],
     gyro: Sensor,
     accel: Sensor,
-    rests: Poses,
-    by_norm: Calibration,
-) -> tuple[Turns, StaticRates]:
-    """The turns and the static rates, with forces corrected by the norm calibration."""
+) -> tuple[Poses, Turns, StaticRates]:
+    """The rests, the turns and the static rates, with forces corrected by a norm calibration."""
+    setup = setup.model_copy(update={"budget": ()})  # its part is in the residuals
+    rests = find_poses(recording, setup, gyro, segments)
+    by_norm = norm(recording, setup, segments=segments, sensor=accel.name)
+    _require_turns(rests, recording)
     g = setup.site.gravity
     poses = find_poses(recording, setup, accel, segments)
     if len(rests) != len(poses):
@@ -171,7 +181,45 @@ def _turns_and_rests(
     stated = setup.site.latitude_deg
     latitude = None if stated is None else stated * DEG
     turns, earth = collect_turns(recording, gyro, rests, force, sigma, latitude)
-    return turns, StaticRates(rests, by_norm.correct(accel, poses.means, g), earth)
+    return rests, turns, StaticRates(rests, by_norm.correct(accel, poses.means, g), earth)
+
+
+def _references(
+    recording: Recording,
+    setup: Setup,
+    segments: Sequence[Segment],
+    sensors: tuple[Sensor, Sensor],
+    equations: Equations,
+    x: Array,
+) -> References:
+    """What uncertain references add to the residuals, (q, n, 1): the readings are changed, and the
+    accelerometer is calibrated again.
+
+    Args:
+        recording, setup, segments: of the calibration.
+        sensors: gyro and accelerometer.
+        equations: whose residuals.
+        x: the estimate, (p,).
+    """
+    readers = []
+    by_kind: dict[str, Array] = {}
+    for sensor in sensors:
+        time = recording.sensor(sensor).time
+        for s in sensors:
+            log = recording.sensor(s)
+            by_kind[s.kind] = np.column_stack([np.interp(time, log.time, v) for v in log.values.T])
+        readers.append(log_reader(recording, setup, sensor, time, by_kind))
+
+    def evaluate(where: Setup, effect: Effect | None) -> Array:
+        added = {
+            s.name: read(where, effect) - read(setup, None)
+            for s, read in zip(sensors, readers, strict=True)
+        }
+        changed = ChangedRecording.of(recording, added)
+        _, turns, static = _turns_and_rests(changed, where, segments, *sensors)
+        return equations.measuring(turns, static).residuals(x[None])[0][:, None]
+
+    return references(setup, evaluate, np.full(1, -1))
 
 
 def _fit_test(turns: Turns, fit: Fit, names: Sequence[str]) -> Test:

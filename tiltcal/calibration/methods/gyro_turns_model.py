@@ -22,9 +22,10 @@ from tiltcal.core.frames import angle_between, tangents
 from tiltcal.core.units import G0
 from tiltcal.effects.sense import Sense
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.references import NO_REFERENCES, References
 from tiltcal.recordings.static_poses import Poses
 from tiltcal.setup.sensor import Sensor
-from tiltcal.statistics.least_squares import Fit, gauss_newton
+from tiltcal.statistics.least_squares import CommonErrors, Fit, gauss_newton
 
 RATE_STEP = 1e-5  # rad/s: of an error of the readings, for its derivative
 STEPS = {"gsens": 1.0, "earth": 0.1}  # deg/h/g; of the Earth's rate
@@ -270,28 +271,52 @@ class Equations:
         turns, static: readings.
         names: of the parameters, (p,).
         weight: of the three groups, (3,).
+        across: directions in which those of the turns are taken, (m, 2, 3); across those after
+            unless given.
     """
 
     turns: Turns
     static: StaticRates
     names: Sequence[str]
     weight: Array
+    across: Array | None = None
 
     @property
     def prior(self) -> list[int]:
         """Places of the parameters that have one."""
         return [k for k, name in enumerate(self.names) if name.startswith(EARTH)]
 
+    @property
+    def sizes(self) -> list[int]:
+        """Number of equations of the three groups."""
+        return [2 * len(self.turns), self.static.means.size, len(self.prior)]
+
+    @property
+    def weights(self) -> Array:
+        """Of every equation, (n,)."""
+        return np.repeat(self.weight, self.sizes)
+
+    def common(self, uncertain: References) -> CommonErrors:
+        """What uncertain references add to the residuals; theirs without weights, (q, n, 1)."""
+        return uncertain.along(self.weights[:, None])
+
     def residuals(self, X: Array) -> Array:
         """In units of their noise, under some parameter vectors: (k, p) -> (k, n)."""
         models = [GyroModel(x, self.names) for x in X]
-        turns, across = self.turns, tangents(self.turns.after)
+        turns = self.turns
+        across = tangents(turns.after) if self.across is None else self.across
         error = propagated(turns, models) - turns.after
         angles = np.einsum("mij,kmj->kmi", across, error) / turns.sigma[:, None]
         at_rest = np.array([self.static.residual(model) for model in models])
         weight = self.weight
         groups = [angles.reshape(len(X), -1) * weight[0], at_rest * weight[1], X[:, self.prior]]
         return np.hstack(groups)
+
+    def measuring(self, turns: Turns, static: StaticRates) -> "Equations":
+        """Of changed readings, in units of the same noise and along the same directions."""
+        static = static.moved(np.zeros_like(static.means))
+        static.whiten = self.static.whiten
+        return replace(self, turns=replace(turns, sigma=self.turns.sigma), static=static)
 
     def slopes(self, x: Array) -> Array:
         """Derivatives by the parameters, (n, p)."""
@@ -322,16 +347,24 @@ class Equations:
 
 
 def solve(
-    turns: Turns, static: StaticRates, names: Sequence[str], start: Array | None = None
+    turns: Turns,
+    static: StaticRates,
+    names: Sequence[str],
+    start: Array | None = None,
+    uncertain: References = NO_REFERENCES,
 ) -> tuple[Fit, bool]:
-    """All parameters from turns and rests together; the fit and whether it converged. start:
-    parameters to start from, SI, (p,).
+    """All parameters from turns and rests together; the fit and whether it converged.
 
     Where the model is incomplete, neither group fits to its noise: each is weighted by the inverse
     of its own misfit. The residuals returned are those without the weights.
+
+    Args:
+        turns, static: the measurement.
+        names: of the parameters.
+        start: parameters to start from, SI, (p,).
+        uncertain: what references add to the residuals, (q, n, 1).
     """
     equations = Equations(turns, static, names, np.ones(3))
-    sizes = [2 * len(turns), static.means.size, len(equations.prior)]
 
     def problem(x: Array) -> tuple[Array, Array]:
         return equations.residuals(x[None])[0], equations.slopes(x)
@@ -340,10 +373,11 @@ def solve(
     if start is None:
         x[:3] = static.means.mean(axis=0)
     for _ in range(3):
-        fit, converged = gauss_newton(names, x, problem, limit=15)
+        common = equations.common(uncertain)
+        fit, converged = gauss_newton(names, x, problem, common=common, limit=15)
         x = np.array([fit.value(n) for n in names])
-        unweighted = fit.residuals / np.repeat(equations.weight, sizes)
-        parts = np.split(unweighted, np.cumsum(sizes[:2]))
+        unweighted = fit.residuals / equations.weights
+        parts = np.split(unweighted, np.cumsum(equations.sizes[:2]))
         misfit = np.array([*(_misfit(part) for part in parts[:2]), 1.0])
         if fit.dropped or not converged or np.allclose(misfit * equations.weight, 1.0, rtol=0.01):
             break
@@ -383,27 +417,27 @@ def misfit_of_turns(
     )
     part = np.append(np.repeat(2 * np.arange(m) + 1, n), 2 * np.arange(m + 1))[order]
     readings = np.vstack([turns.rate.reshape(-1, 3), static.means])[order]
-    sigma = np.sqrt(np.diag(rests.noise) * rests.inflation)
 
     def respond(errors: Array) -> Array:
         back = np.empty_like(errors)
         back[:, order] = errors
         return equations.response(x, back[:, : m * n].reshape(-1, m, n, 3), back[:, m * n :])
 
+    common = equations.common(rests.references)
     return Misfit(
         [f"{gyro.name}_{a}" for a in gyro.axes],
         every,
         readings,
         inputs[order],
-        np.broadcast_to(sigma, readings.shape),
+        np.broadcast_to(np.sqrt(np.diag(rests.noise) * rests.inflation), readings.shape),
         part,
         _part_words(rests),
-        equations.residuals(x[None])[0],
+        common.weight(equations.residuals(x[None])[0]),
         equations.slopes(x),
         respond,
         lacking_terms(gyro, sense),
         cuts=np.flatnonzero(np.diff(part)) + 1,
-    )
+    ).weighted(common)
 
 
 def _part_words(rests: Poses) -> list[str]:

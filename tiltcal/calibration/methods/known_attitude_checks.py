@@ -69,7 +69,7 @@ def misfit_of_poses(poses: Poses, model: Model, fit: Fit, recording: Recording) 
         fit.residuals,
         design_of(poses, model)[2],
         lambda errors: np.einsum("mij,qmj->miq", whiten, errors).reshape(-1, len(errors)),
-    )
+    ).weighted(poses.references.whitened(whiten))
 
 
 def _attitudes(poses: Poses, model: Model) -> Iterator[tuple[Explanation, Fit]]:
@@ -115,6 +115,7 @@ def _columns(poses: Poses, model: Model) -> Iterator[tuple[Explanation, Fit]]:
             means=poses.means[:, columns] * np.array(signs),
             noise=poses.noise[np.ix_(columns, columns)] * np.outer(signs, signs),
             rounding=poses.rounding[:, columns],
+            references=poses.references.of(columns, signs),
         )
         part, _ = solve(other, model)
         named = columns_in_words(order, signs)

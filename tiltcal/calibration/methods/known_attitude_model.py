@@ -1,7 +1,7 @@
 """Poses of known attitude: the linear model of their means, and its fit."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -69,8 +69,9 @@ def solve(poses: Poses, model: Model) -> tuple[Fit, list[str]]:
     """Weighted least squares on pose means: the fit, and the units of its parameters."""
     names, units, design = design_of(poses, model)
     error = poses.means - model.ideal(poses)
-    target = np.einsum("mij,mj->mi", whitening_of_means(poses), error).ravel()
-    fit = linear_fit(names, design, target)
+    whiten = whitening_of_means(poses)
+    target = np.einsum("mij,mj->mi", whiten, error).ravel()
+    fit = linear_fit(names, design, target, poses.references.whitened(whiten))
     return fit, [u for n, u in zip(names, units, strict=True) if n in fit.names]
 
 
@@ -81,12 +82,7 @@ def without_drift(fit: Fit, units: Sequence[str], sensor: Sensor) -> tuple[Fit, 
         f"{fit.names[k][-1]} {fit.values[k] / G0 * 1e6:.4g} +- {fit.sigmas[k] / G0 * 1e6:.2g}"
         for k in np.flatnonzero(~keep)
     )
-    kept = replace(
-        fit,
-        names=tuple(np.array(fit.names)[keep].tolist()),
-        values=fit.values[keep],
-        covariance=fit.covariance[np.ix_(keep, keep)],
-    )
+    kept = fit.selected(keep)
     words = (
         f"a linear drift of {sensor.name} over the recording was fitted as well: {drifts} ug; the"
         " bias is that at the first stamp"

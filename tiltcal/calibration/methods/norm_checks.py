@@ -11,6 +11,7 @@ from tiltcal.calibration.methods.common import leave_out_rms
 from tiltcal.calibration.methods.norm_iteration import Iteration
 from tiltcal.calibration.methods.norm_model import (
     Further,
+    common_errors,
     directions,
     model_of,
     norm_sigma,
@@ -235,16 +236,17 @@ def misfit_of_norm(poses: Poses, fit: Fit, g: float, terms: int, recording: Reco
         level = replace(rest, means=further.taken_off(rest.means, sizes))
         return misfit_of_norm(level, found, g, terms, recording)
 
+    common = common_errors(poses, x, sigma)
     return at_poses(
         poses,
         recording,
         g,
         f,
-        (np.linalg.norm(f, axis=1) - g) / sigma,
+        common.weight((np.linalg.norm(f, axis=1) - g) / sigma),
         slopes_of_norm(f, v, terms) / sigma[:, None],
         lambda errors: np.einsum("mi,qmi->mq", v / sigma[:, None], errors),
         refit,
-    )
+    ).weighted(common)
 
 
 def without_slope(poses: Poses, fit: Fit, start: float, length: float) -> Poses:

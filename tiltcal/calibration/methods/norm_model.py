@@ -8,7 +8,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import AXES
 from tiltcal.recordings.static_poses import Poses
-from tiltcal.statistics.least_squares import Fit, gauss_newton
+from tiltcal.statistics.least_squares import CommonErrors, Fit, gauss_newton
 
 ROUNDS = 3  # the noise of a norm depends weakly on the parameters
 PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -32,8 +32,7 @@ def mirrored(fit: Fit) -> Fit:
     if not twins:
         return fit
     T = np.vstack([np.eye(len(fit.names)), np.eye(len(fit.names))[[k for k, _ in twins]]])
-    names = (*fit.names, *(twin for _, twin in twins))
-    return replace(fit, names=names, values=T @ fit.values, covariance=T @ fit.covariance @ T.T)
+    return fit.mapped([*fit.names, *(twin for _, twin in twins)], T @ fit.values, T)
 
 
 def model_of(x: Array) -> tuple[Array, Array]:
@@ -67,6 +66,11 @@ class Further:
         names = tuple(f"further {k}" for k in range(q))
         return cls(names, columns, np.zeros(q), np.full(q, np.inf))
 
+    @property
+    def rows(self) -> int:
+        """How many sizes were measured."""
+        return int(np.isfinite(self.sigma).sum())
+
     def taken_off(self, means: Array, sizes: Array) -> Array:
         """The means, (m, 3), without errors of these sizes, (q,)."""
         return np.asarray(means - np.tensordot(sizes, self.columns, axes=1))
@@ -95,9 +99,9 @@ def solve(
     for _ in range(ROUNDS if start is None else 1):
         level = replace(poses, means=further.taken_off(poses.means, x[terms:]))
         sigma = norm_sigma(level, x[:terms])
-        fit, converged = gauss_newton(
-            names, x, partial(_whitened, poses.means, g, sigma, terms, further)
-        )
+        problem = partial(_whitened, poses.means, g, sigma, terms, further)
+        common = common_errors(level, x[:terms], sigma).followed_by(further.rows)
+        fit, converged = gauss_newton(names, x, problem, common=common)
         if fit.dropped or not converged:
             break
         x = fit.values
@@ -116,6 +120,18 @@ def norm_sigma(poses: Poses, x: Array) -> Array:
     """Standard deviation of each pose's norm, (m,)."""
     _, v = directions(poses.means, x)
     return np.sqrt(np.einsum("ki,kij,kj->k", v, poses.covariances, v))
+
+
+def common_errors(poses: Poses, x: Array, sigma: Array) -> CommonErrors:
+    """What uncertain references add to the norms, in units of their noise.
+
+    Args:
+        poses: (m,).
+        x: parameters at which it is evaluated, SI, (p,).
+        sigma: noise of each norm, m/s2, (m,).
+    """
+    _, v = directions(poses.means, x)
+    return poses.references.along(v / sigma[:, None])
 
 
 def slopes_of_norm(f: Array, v: Array, terms: int) -> Array:

@@ -123,7 +123,7 @@ def _fit_test(table: Turntable, fit: Fit) -> Test:
     test = chi2_test("fit", fit.chi2, fit.dof, f"{positions} agree within their noise")
     if test.passed or table.force is None:
         return test
-    level = Reversal(*table.force, table.angles, table.mount)
+    level = Reversal(*table.force, table.angles, table.mount, table.references[1])
     tilts = reversal_fit(level)
     words = f"{positions} do not agree within their noise; "
     if chi2_test("", tilts.chi2, tilts.dof, "").passed:

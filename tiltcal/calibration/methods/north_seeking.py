@@ -30,6 +30,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.references import References
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.sensor import Sensor
@@ -149,7 +150,7 @@ def _turntable(
     start = np.array([s.start_s for s in poses.spans])
     end = np.array([s.end_s for s in poses.spans])
     covariance = np.diag(poses.covariances[:, 0, 0]) + walk_covariance(start, end, walk)
-    force = None
+    force, references = None, (poses.references, References())
     if level is not None:
         seen = find_poses(recording, setup, level, segments)
         if len(seen) != len(poses):
@@ -159,7 +160,8 @@ def _turntable(
                 need="both sensors at every position",
                 do="record both throughout",
             )
-        force = _horizontal(seen)
+        force, of_level = _horizontal(seen)
+        references = poses.references, of_level
     table = Turntable(
         angles,
         mount_of(recording, setup),
@@ -170,6 +172,7 @@ def _turntable(
         setup.site.gravity,
         latitude,
         (fog.name, "" if level is None else level.name),
+        references,
     )
     return table, poses, walk
 
@@ -196,7 +199,8 @@ def _latitude(setup: Setup) -> float:
     return stated * DEG
 
 
-def _horizontal(poses: Poses) -> tuple[Array, Array]:
-    """Mean forces along x and y, (m, 2), and their whitening, (m, 2, 2)."""
+def _horizontal(poses: Poses) -> tuple[tuple[Array, Array], References]:
+    """Mean forces along x and y, (m, 2), their whitening, (m, 2, 2), and their references."""
     ij = [poses.sensor.axes.index(a) for a in ("x", "y")]
-    return poses.means[:, ij], whitening(poses.covariances[:, ij][:, :, ij])
+    whiten = whitening(poses.covariances[:, ij][:, :, ij])
+    return (poses.means[:, ij], whiten), poses.references.of(ij)

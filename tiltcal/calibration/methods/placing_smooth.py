@@ -4,6 +4,7 @@ What straight lines between the entries of a placing-angle table miss.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -50,7 +51,8 @@ def smooth_fits(
 def _smooth_fit(a: AxisTable, names: Sequence[str], order: int) -> tuple[Fit, Test]:
     """Harmonics up to an order, fitted to the entries of a table."""
     whiten = whitening(a.sensor.covariance)
-    fit = linear_fit(names, whiten @ basis(a.angles, order), whiten @ a.sensor.value)
+    common = a.sensor.common.times(whiten).propagated()
+    fit = linear_fit(names, whiten @ basis(a.angles, order), whiten @ a.sensor.value, common)
     words = (
         f"{len(names)} terms describe {len(a.angles)} entries (variance"
         f" {len(names) / len(a.angles):.2g} of an entry's)"
@@ -79,13 +81,17 @@ def joint_fit(axes: Sequence[AxisTable], smooth: dict[str, Fit]) -> Fit:
 
     fits, solved = smooth.values(), [t for a in axes for t in a.solved]
     p = sum(len(f.names) for f in fits)
+    visits = replace(solved[0].visits, columns=np.concatenate([t.visits.columns for t in solved]))
     return Fit(
         tuple(n for f in fits for n in f.names),
         np.concatenate([np.zeros(0), *(f.values for f in fits)]),
         block_diag(*(f.covariance for f in fits)) if p else np.zeros((0, 0)),
-        np.concatenate([t.residuals for t in solved]),
+        visits.weight(np.concatenate([t.residuals for t in solved])),
         tuple(n for f in fits for n in f.dropped),
         rank=sum(t.rank for t in solved),
+        contributions=np.concatenate(
+            [np.zeros((0, visits.columns.shape[1])), *(f.contributions for f in fits)]
+        ),
     )
 
 

@@ -16,9 +16,11 @@ from tiltcal.core.frames import parse_mounts
 from tiltcal.core.units import DEG
 from tiltcal.effects.sensor.dynamics import placing_angle
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.references import NO_REFERENCES, References
 from tiltcal.recordings.segmentation import GUARD, Segment
 from tiltcal.recordings.static_poses import Poses
 from tiltcal.setup.setup import Setup
+from tiltcal.statistics.least_squares import CommonErrors
 
 SAME = 0.02 * DEG  # dwells nearer than this are at one angle
 Drift = Literal["linear", "warm_up"]
@@ -36,6 +38,7 @@ class Sweep:
             (m,).
         beta: its placing angle, rad; time: of its middle, s; value: its mean reading, m/s2;
             variance: of that mean, (m,).
+        references: what uncertain references add to the readings, (q, m, 1).
     """
 
     axis: str
@@ -45,6 +48,7 @@ class Sweep:
     time: Array
     value: Array
     variance: Array
+    references: References = NO_REFERENCES
 
     def solve(self, drift: Drift = "linear") -> "Table":
         """Table entries and a drift of the zero: ``y = b_node + d (t - t_mid)``, or a warm-up,
@@ -63,28 +67,33 @@ class Sweep:
         """Entries and the size of one course of the drift, t (m,)."""
         nodes, where = np.unique(self.node, return_inverse=True)
         w = 1 / self.variance
-        weight = np.bincount(where, w)
-        mean_t, mean_y, mean_b = (
-            np.bincount(where, w * x) / weight for x in (t, self.value, self.beta)
-        )
-        dt, dy = t - mean_t[where], self.value - mean_y[where]
+        average = (where == np.arange(len(nodes))[:, None]) * w
+        weight = average.sum(axis=1)
+        average /= weight[:, None]
+        # what references add goes the same way as the readings
+        common = self.references.along(np.ones((len(w), 1)))
+        y = np.column_stack([self.value, common.columns])
+        mean_t, mean_y = average @ t, average @ y
+        dt, dy = t - mean_t[where], y - mean_y[where]
         information = float(np.sum(w * dt * dt))
         repeats = np.bincount(where) > 1
         drifting = bool(information > 0 and repeats.sum() >= 2)
-        drift = float(np.sum(w * dt * dy)) / information if drifting else 0.0
-        covariance = np.diag(1 / weight)
+        drift = (w * dt) @ dy / information if drifting else np.zeros(y.shape[1])
+        noise = np.diag(1 / weight)
         if drifting:
-            covariance += np.outer(mean_t, mean_t) / information
-        residuals = (dy - drift * dt) * np.sqrt(w)
-        rank = len(nodes) + drifting
+            noise += np.outer(mean_t, mean_t) / information
+        entries = mean_y - np.outer(mean_t, drift)
+        residuals = (dy - np.outer(dt, drift)) * np.sqrt(w)[:, None]
         return Table(
             nodes,
-            mean_b,
-            mean_y - drift * mean_t,
-            covariance,
-            residuals,
-            rank,
-            drift if drifting else None,
+            average @ self.beta,
+            entries[:, 0],
+            noise,
+            residuals[:, 0],
+            len(nodes) + drifting,
+            float(drift[0]) if drifting else None,
+            CommonErrors(entries[:, 1:], common.fitted),
+            CommonErrors(residuals[:, 1:], common.fitted),
         )
 
     @property
@@ -106,18 +115,29 @@ class Table:
     """Bias against placing angle, solved.
 
     Args:
-        node: numbers of the angles, (n,); beta: mean angle, rad; value: m/s2; covariance: (n, n).
+        node: numbers of the angles, (n,); beta: mean angle, rad; value: m/s2.
+        noise: covariance by the noise of the record, (n, n).
         residuals: whitened, of the single visits; rank: parameters fitted to them; drift: m/s2 per
             s, None if not seen.
+        common: what uncertain references change in the entries, m/s2, and ``visits`` in the
+            whitened residuals.
     """
 
     node: npt.NDArray[np.intp]
     beta: Array
     value: Array
-    covariance: Array
+    noise: Array
     residuals: Array
     rank: int
     drift: float | None
+    common: CommonErrors
+    visits: CommonErrors
+
+    @property
+    def covariance(self) -> Array:
+        """Of the entries by noise and stated references, (n, n)."""
+        stated = self.common.columns[:, self.common.fitted]
+        return np.asarray(self.noise + stated @ stated.T)
 
     def at_nodes(self, node: npt.NDArray[np.intp]) -> "Table":
         """The entries at some of the nodes. node: numbers of the nodes, (n,)."""
@@ -127,7 +147,8 @@ class Table:
             node=self.node[keep],
             beta=self.beta[keep],
             value=self.value[keep],
-            covariance=self.covariance[np.ix_(keep, keep)],
+            noise=self.noise[np.ix_(keep, keep)],
+            common=self.common.times(np.eye(len(keep))[keep]),
         )
 
 
@@ -235,7 +256,16 @@ def find_sweeps(
     for number in np.unique(which[used]):
         k = np.flatnonzero(used & ~off & (which == number))
         sweeps.append(
-            Sweep(axis, int(np.sign(lying[k[0]])), node[k], beta[k], time[k], value[k], variance[k])
+            Sweep(
+                axis,
+                int(np.sign(lying[k[0]])),
+                node[k],
+                beta[k],
+                time[k],
+                value[k],
+                variance[k],
+                poses.references.at(k).of([channel]),
+            )
         )
     return sweeps, (start, step), notes
 
@@ -270,10 +300,8 @@ def solve_axis(
     axle = None
     if forth and back:
         plus, minus = _at_common_nodes([_average(forth), _average(back)])
-        both = (plus.covariance + minus.covariance) / 4
-        value, beta = (plus.value + minus.value) / 2, (plus.beta + minus.beta) / 2
-        sensor = replace(plus, value=value, covariance=both, beta=beta)
-        axle = replace(sensor, value=(plus.value - minus.value) / 2)
+        sensor = _combined([plus, minus], [0.5, 0.5])
+        axle = replace(_combined([plus, minus], [0.5, -0.5]), beta=sensor.beta)
     else:
         sensor = _average(forth or back)
     nominal = grid[0] + sensor.node * grid[1]
@@ -287,12 +315,19 @@ def _average(tables: Sequence[Table]) -> Table:
     """Plain mean of tables over the nodes they share."""
     if len(tables) == 1:
         return tables[0]
-    parts = _at_common_nodes(tables)
+    return _combined(_at_common_nodes(tables), [1 / len(tables)] * len(tables))
+
+
+def _combined(tables: Sequence[Table], weights: Sequence[float]) -> Table:
+    """A weighted sum of tables over the same nodes; the angle is their mean."""
+    pairs = list(zip(weights, tables, strict=True))
+    columns = np.sum([w * t.common.columns for w, t in pairs], axis=0)
     return replace(
-        parts[0],
-        value=np.mean([p.value for p in parts], axis=0),
-        beta=np.mean([p.beta for p in parts], axis=0),
-        covariance=np.sum([p.covariance for p in parts], axis=0) / len(parts) ** 2,
+        tables[0],
+        value=np.sum([w * t.value for w, t in pairs], axis=0),
+        beta=np.mean([t.beta for t in tables], axis=0),
+        noise=np.sum([w * w * t.noise for w, t in pairs], axis=0),
+        common=replace(tables[0].common, columns=columns),
     )
 
 

@@ -127,7 +127,7 @@ def calibrate(
     Args:
         wanted: the name of a method, or a function.
         recording: to calibrate from.
-        setup: site, rig, sensors; of a scenario only these are handed on.
+        setup: site, rig, sensors and their uncertainties; of a scenario only these are handed on.
         options: of the method.
 
     Raises:
@@ -139,11 +139,7 @@ def calibrate(
     ours = METHODS.get(name) is method
     check_options(method, f"method {name}", options, handed=2)  # the recording and the set-up
     _require_log(name, recording)
-    bare = (
-        setup
-        if type(setup) is Setup
-        else Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
-    )
+    bare = setup.bare
     with _explained(recording, bare), determining(recording.source, f"the parameters of {name}"):
         result = (
             method(recording, bare, **options)
@@ -285,7 +281,7 @@ def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> C
     with tempfile.TemporaryDirectory(prefix="tiltcal-") as folder:
         paths = {key: str(Path(folder) / name) for key, name in _FILES.items()}
         write_recording(recording, paths["recording"])
-        bare = Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
+        bare = setup.bare
         stated = json.loads(bare.model_dump_json(exclude_none=True))
         Path(paths["scenario"]).write_text(
             tomli_w.dumps({"schema": 1, "name": "under test", **stated}), encoding="utf-8"

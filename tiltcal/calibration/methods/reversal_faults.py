@@ -11,6 +11,7 @@ from tiltcal.calibration.validity import Test
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import DEG
+from tiltcal.recordings.references import NO_REFERENCES, References
 from tiltcal.statistics.least_squares import Fit, linear_fit
 
 MOVED = 1e-4  # significance of a base that moves during a dwell, over all dwells and channels
@@ -25,12 +26,14 @@ class Reversal:
         whiten: of each location, (m, 2, 2).
         angles: of the table, rad, (m,).
         mount: R_mount, (3, 3).
+        references: what uncertain references add to the locations, of these two channels.
     """
 
     values: Array
     whiten: Array
     angles: Array
     mount: Array
+    references: References = NO_REFERENCES
 
     def turn(self, k: int, angle: float) -> Array:
         """Base-frame horizontal force to reading, (2, 2). angle: of the table at the dwell k,
@@ -45,14 +48,16 @@ class Reversal:
         columns.
         """
         rows, target = [], []
-        for k in range(len(angles)) if keep is None else keep:
+        kept = list(range(len(angles)) if keep is None else keep)
+        for k in kept:
             columns = np.hstack([self.turn(k, float(angles[k])), np.eye(2)])
             if extra is not None:
                 columns = np.hstack([columns, extra[k]])
             rows.append(self.whiten[k] @ columns)
             target.append(self.whiten[k] @ self.values[k])
         names = [f"p{i}" for i in range(rows[0].shape[1])]
-        return linear_fit(names, np.vstack(rows), np.concatenate(target))
+        common = self.references.at(np.array(kept)).whitened(self.whiten[kept])
+        return linear_fit(names, np.vstack(rows), np.concatenate(target), common)
 
 
 def solve(reversal: Reversal) -> Fit:
@@ -95,12 +100,15 @@ def _apart(a: float, b: float) -> bool:
 
 def _columns(r: Reversal) -> Iterator[Explanation]:
     """Columns swapped, a sign reversed, the angle counted the other way."""
-    exchanged = Reversal(r.values[:, ::-1], r.whiten[:, ::-1, ::-1], r.angles, r.mount)
+    swapped = r.references.of([1, 0])
+    exchanged = Reversal(r.values[:, ::-1], r.whiten[:, ::-1, ::-1], r.angles, r.mount, swapped)
     words = "the columns x and y are swapped: check the wiring, or the names of the columns"
     yield explanation(words, exchanged.fit(r.angles), 4)
     for i, axis in enumerate("xy"):
         sign = np.where(np.arange(2) == i, -1.0, 1.0)
-        flipped = Reversal(r.values * sign, r.whiten * sign * sign[:, None], r.angles, r.mount)
+        turned = r.references.of([0, 1], sign)
+        whiten = r.whiten * sign * sign[:, None]
+        flipped = Reversal(r.values * sign, whiten, r.angles, r.mount, turned)
         words = f"the sign of {axis} is reversed"
         yield explanation(words, flipped.fit(r.angles), 4)
     words = "the table turns in the other sense than its readout: the sign of the angle is reversed"

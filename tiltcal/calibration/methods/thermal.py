@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import provenance
+from tiltcal.calibration.methods.common import provenance, split_of
 from tiltcal.calibration.methods.thermal_blocks import (
     BlockFit,
     blocks_of,
@@ -166,8 +166,8 @@ class SensorFit:
 
     def left(self) -> tuple[Array, int]:
         """Residual of each block, SI, (n, k), and how many columns each channel was fitted with."""
-        keep, _, _, left = estimate(self.choice, self.blocks)
-        return left, len(keep)
+        found = estimate(self.choice, self.blocks)
+        return found.residuals, len(found.keep)
 
     def cause(self, fit: BlockFit, setup: Setup, source: str) -> Test:
         """The cause of a misfit. fit: how well the blocks were fitted; source: of the recording."""
@@ -177,7 +177,7 @@ class SensorFit:
 
     def heldout_test(self) -> Test:
         """Do blocks that were left out fit as those that were not?"""
-        left = estimate(self.choice, self.blocks)[3]
+        left = estimate(self.choice, self.blocks).left
         ratio = float(np.mean(self.choice.heldout**2 / np.maximum(np.mean(left**2, axis=0), 1e-30)))
         words = (
             f"{self.sensor.name}: {self.choice.model.words()}; readings left out have"
@@ -203,20 +203,24 @@ class SensorFit:
             )
         return notes
 
-    def parameters(self) -> tuple[dict[str, Estimate], list[Array]]:
-        """Estimates by name, and the covariance of each channel. The covariances are (p, p), SI."""
-        keep, values, covariances, _ = estimate(self.choice, self.blocks)
+    def parameters(self) -> tuple[dict[str, Estimate], list[Array], Array]:
+        """Estimates by name, the covariance of each channel, SI, (p, p), and what one standard
+        uncertainty of each reference changes, (all p, q).
+        """
+        fit = estimate(self.choice, self.blocks)
+        keep, values = fit.keep, fit.values
         powers = np.maximum(self.choice.design.power[keep], 0)
         force = np.where(self.choice.design.axis[keep] >= 0, G0, 1.0)
         factor = 1 / (self.scale**powers * force)
         si = "m_s2" if self.sensor.quantity != "rate" else "rad_s"
         found: dict[str, Estimate] = {}
-        blocks = []
+        blocks, changes = [], []
         for i, axis in enumerate(self.sensor.axes):
             called = names(self.sensor.name, axis, self.choice.design, keep)
             kept = [k for k, n in enumerate(called) if self.known or ".bias_" not in n]
-            C = covariances[i] * np.outer(factor, factor)
+            C = fit.covariances[i] * np.outer(factor, factor)
             blocks.append(C[np.ix_(kept, kept)])
+            changes.append((fit.contributions[i] * factor[:, None])[kept])
             for k in kept:
                 base = si if "bias" in called[k] or "tempmem" in called[k] else "1"
                 lag = "tempmem" in called[k] and self.choice.model.memory.kind == "lag"
@@ -224,7 +228,7 @@ class SensorFit:
                 unit = base if power == 0 else f"{base}_degC{power}"
                 value, sigma = values[k, i] * factor[k], np.sqrt(max(C[k, k], 0.0))
                 found[called[k]] = Estimate(float(value), float(sigma), unit)
-        return found, blocks
+        return found, blocks, np.concatenate(changes)
 
 
 def _sizes(part: SensorFit) -> str:
@@ -295,10 +299,14 @@ def _calibration(
 
     parameters = {f"{SHARED}.{n}": Estimate(v, 0.0, unit) for n, (v, unit) in shared.items()}
     covariances: list[Array] = [np.zeros((len(parameters),) * 2)]
+    uncertain = max((p.blocks.references for p in parts), key=lambda r: len(r.owner))
+    changes = [np.zeros((len(parameters), len(uncertain.owner)))]
     for part in parts:
-        found, blocks = part.parameters()
+        found, blocks, change = part.parameters()
         parameters |= found
         covariances += blocks
+        # a sensor that lacks some dwells has none
+        changes.append(change if change.size else np.zeros((len(found), len(uncertain.owner))))
     spans = [PoseSpan(s.start, s.end, s.label) for s in stretches]
     return Calibration(
         NAME,
@@ -312,4 +320,5 @@ def _calibration(
         heldout_rms={p.sensor.name: float(np.sqrt(np.mean(p.choice.heldout**2))) for p in parts},
         warnings=list(warnings),
         provenance=provenance(recording),
+        **split_of(uncertain, list(parameters), np.concatenate(changes)),
     )

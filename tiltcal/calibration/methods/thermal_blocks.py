@@ -15,6 +15,7 @@ from tiltcal.core.units import G0
 from tiltcal.effects.sense import Sense
 from tiltcal.instrument.temperature import held
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.references import References
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.recordings.static_poses import find_poses
 from tiltcal.setup.sensor import Sensor
@@ -93,18 +94,24 @@ def blocks_of(
             do="record longer",
         )
     time = recording.time[rows[:, 0]]
-    if sensor.quantity == "rate":
-        return Blocks(means, None, np.zeros_like(pose), rows, time), True
-    up = find_poses(recording, setup, sensor, stretches).up
+    rate = sensor.quantity == "rate"
+    poses = find_poses(recording, setup, sensor, stretches) if setup.budget or not rate else None
+    uncertain = References()
+    if poses is not None and len(poses) == len(stretches):
+        uncertain = poses.references.at(pose)
+    if poses is None or rate:
+        return Blocks(means, None, np.zeros_like(pose), rows, time, uncertain), True
+    up = poses.up
     force = setup.site.gravity * up[pose] if len(up) == len(stretches) else None
     if force is None or np.isnan(force).any():
         number = np.unique(pose, return_inverse=True)[1]
         if number.max() >= MOST_POSES:
             number = np.zeros_like(number)
-        return Blocks(means, None, number, rows, time), False
+        return Blocks(means, None, number, rows, time, uncertain), False
     error = means - force[:, list(sensor.axis_indices)]
     spans = np.linalg.matrix_rank(np.column_stack([np.ones(len(up)), up]), tol=0.1) == 4
-    return Blocks(error, force / G0 if spans else None, np.zeros_like(pose), rows, time), True
+    force = force / G0 if spans else None
+    return Blocks(error, force, np.zeros_like(pose), rows, time, uncertain), True
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.core.frames import AXES
 from tiltcal.instrument.temperature import Memory, TemperatureCourse
+from tiltcal.recordings.references import NO_REFERENCES, References
+from tiltcal.statistics.dwell_noise import second_difference_noise
 
 ORDERS = range(6)  # of the bias
 AXIS_ORDERS = range(4)  # of scale and cross-axis terms
@@ -32,6 +34,7 @@ class Blocks:
         pose: number of the unknown attitude, (n,); all 0 where the force is known.
         rows: first row and row after the last of each, (n, 2).
         time: of the middle, s, (n,).
+        references: what uncertain references add to the readings, (q, n, k).
     """
 
     error: Array
@@ -39,6 +42,7 @@ class Blocks:
     pose: Index
     rows: Index
     time: Array
+    references: References = NO_REFERENCES
 
     @property
     def size(self) -> int:
@@ -224,8 +228,29 @@ def memories(time: Array, span: float) -> Iterator[Memory]:
         yield Memory("hysteresis", float(share * span))
 
 
-def estimate(choice: Choice, blocks: Blocks) -> tuple[Index, Array, Array, Array]:
-    """Columns, values (p, k), covariances (k, p, p) by stretches of time, and residuals (n, k).
+@dataclass(frozen=True)
+class Estimated:
+    """A model fitted to blocks.
+
+    Args:
+        keep: numbers of its columns, (p,).
+        values: (p, k).
+        covariances: of each channel, (k, p, p).
+        left: residuals, (n, k).
+        residuals: the same less what stated references add most probably, (n, k).
+        contributions: what one standard uncertainty of each reference changes, (k, p, q).
+    """
+
+    keep: Index
+    values: Array
+    covariances: Array
+    left: Array
+    residuals: Array
+    contributions: Array
+
+
+def estimate(choice: Choice, blocks: Blocks) -> Estimated:
+    """A model by least squares, with covariances by stretches of time and by stated references.
 
     The sandwich over stretches holds whatever their noise is correlated like inside.
 
@@ -236,7 +261,14 @@ def estimate(choice: Choice, blocks: Blocks) -> tuple[Index, Array, Array, Array
     scale = np.linalg.norm(X, axis=0)
     inverse = np.linalg.pinv(X / scale)
     values = inverse @ blocks.error / scale[:, None]
-    left = blocks.error - X @ values
+    uncertain = blocks.references
+    columns = uncertain.columns if len(uncertain.owner) else np.zeros((0, *blocks.error.shape))
+    changes = np.einsum("pn,qnk->kpq", inverse, columns) / scale[:, None]
+    whole = blocks.error - X @ values
+    left = _without_references(
+        whole,
+        (columns - np.einsum("np,kpq->qnk", X, changes))[uncertain.fitted],
+    )
     number = max(STRETCHES, 3 * len(keep))
     stretch = np.arange(len(X)) * number // len(X)
     covariances = []
@@ -244,8 +276,26 @@ def estimate(choice: Choice, blocks: Blocks) -> tuple[Index, Array, Array, Array
         scores = np.zeros((number, len(keep)))
         np.add.at(scores, stretch, (inverse * left[:, i]).T)
         factor = number / max(number - len(keep), 1)
-        covariances.append(factor * (scores.T @ scores) / np.outer(scale, scale))
-    return keep, values, np.array(covariances), left
+        stated = changes[i][:, uncertain.fitted]
+        noise = factor * (scores.T @ scores) / np.outer(scale, scale)
+        covariances.append(noise + stated @ stated.T)
+    return Estimated(keep, values, np.array(covariances), whole, left, changes)
+
+
+def _without_references(left: Array, columns: Array) -> Array:
+    """Residuals less what stated references add to them most probably: no part of the noise.
+
+    Args:
+        left: SI, (n, k).
+        columns: what one standard uncertainty of each adds to the residuals, SI, (q, n, k).
+    """
+    if not len(columns):
+        return left
+    noise = np.array([second_difference_noise(channel) for channel in left.T])
+    noise = np.maximum(noise, 1e-300)
+    U = (columns / noise).reshape(len(columns), -1).T
+    errors = np.linalg.solve(np.eye(len(columns)) + U.T @ U, U.T @ (left / noise).ravel())
+    return np.asarray(left - np.tensordot(errors, columns, axes=1))
 
 
 def names(sensor: str, axis: str, design: Design, keep: Index) -> list[str]:

@@ -10,7 +10,8 @@ from tiltcal.calibration.methods.reversal import attitudes
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import earth_rate
 from tiltcal.core.units import DEG, EARTH_RATE
-from tiltcal.statistics.least_squares import Fit, gauss_newton
+from tiltcal.recordings.references import References
+from tiltcal.statistics.least_squares import CommonErrors, Fit, gauss_newton
 
 # chi-square by which a second heading has to be worse: 0.1 % of one degree of freedom
 RIVAL = 10.83
@@ -30,6 +31,7 @@ class Turntable:
             accelerometers.
         gravity: m/s2; latitude: rad.
         names: of the FOG and of the accelerometers.
+        references: what uncertain references add to the FOG's means, and to those of x and y.
     """
 
     angles: Array
@@ -41,6 +43,17 @@ class Turntable:
     gravity: float
     latitude: float
     names: tuple[str, str]
+    references: tuple[References, References] = (References(), References())
+
+    @property
+    def common(self) -> CommonErrors:
+        """What uncertain references add to the residuals, in their order."""
+        fog, level = self.references
+        found = fog.along(np.ones((len(self.fog), 1))).times(self.fog_whiten)
+        if self.force is None:
+            return found
+        others = level.whitened(self.force[1])
+        return replace(found, columns=np.concatenate([found.columns, others.columns]))
 
     def input_axes(self, roll: float, pitch: float) -> Array:
         """The FOG's axis in the table's world at each dwell, (m, 3)."""
@@ -125,7 +138,7 @@ def solve(table: Turntable, heading: float, roll: float, pitch: float) -> tuple[
         down = np.array([_residual(table, x - s) for s in np.diag(steps)])
         return _residual(table, x), ((up - down) / (2 * steps[:, None])).T
 
-    fit, converged = gauss_newton(names, np.array(start), problem, limit=20)
+    fit, converged = gauss_newton(names, np.array(start), problem, common=table.common, limit=20)
     if "base.azimuth" not in fit.names:
         return fit, False
     values = fit.values.copy()

@@ -123,12 +123,16 @@ def _reversal(
     ij = _channels(poses)
     if estimator == "mean":
         covariance = poses.covariances[:, ij][:, :, ij]
-        return Reversal(poses.means[:, ij], whitening(covariance), angles, mount)
+        return Reversal(
+            poses.means[:, ij], whitening(covariance), angles, mount, poses.references.of(ij)
+        )
     slope = poses.spread[:, ij]
     unit = found.unit * slope[:, :, None] * slope[:, None, :]
     covariance = unit / poses.counts[:, None, None]
     covariance = covariance + np.eye(2) * poses.rounding[:, None, ij]
-    return Reversal(found.values * slope, whitening(covariance), angles, mount)
+    return Reversal(
+        found.values * slope, whitening(covariance), angles, mount, poses.references.of(ij)
+    )
 
 
 def _tilt(
@@ -144,7 +148,7 @@ def _tilt(
     J[0, :2], J[1, :2] = d_roll, by_x + np.tan(pitch) * np.tan(roll) * d_roll
     names = ("base.roll", "base.pitch", *(f"{poses.sensor.name}.bias_{a}" for a in "xy"))
     values = np.array([roll, pitch, *fit.values[2:]])
-    tilted = Fit(names, values, J @ fit.covariance @ J.T, fit.residuals, (), 1, fit.condition)
+    tilted = fit.mapped(names, values, J)
     return wrap_up(
         NAME,
         verdict_of(tests),

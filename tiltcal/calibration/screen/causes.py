@@ -21,7 +21,7 @@ from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import Poses
 from tiltcal.setup.sensor import Sensor
-from tiltcal.statistics.least_squares import SINGULAR
+from tiltcal.statistics.least_squares import SINGULAR, CommonErrors
 
 DRIFT = "the bias drifts over the recording"
 COARSE = 60  # instants of a step that are tried at first; then all about the best
@@ -88,6 +88,16 @@ class Misfit:
     freedom: float = 1e9
     cuts: Index | None = None
     refit: "Callable[[Array, Mask], Misfit] | None" = None
+
+    def weighted(self, common: CommonErrors) -> "Misfit":
+        """With errors that the residuals share in their covariance; the residuals are so
+        already.
+        """
+        return replace(
+            self,
+            design=common.weight(self.design),
+            respond=lambda errors: common.weight(self.respond(errors)),
+        )
 
     @property
     def chi2(self) -> float:

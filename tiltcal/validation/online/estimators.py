@@ -397,7 +397,7 @@ def make_estimator(
     factory: Factory = ESTIMATORS[name] if name in ESTIMATORS else import_named(name)
     given = dict(options) | ({} if calibration is None else {"calibration": calibration})
     check_options(factory, f"estimator {name}", given, handed=1)  # the set-up
-    bare = Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
+    bare = setup.bare
     made = factory(bare, **given)
     if not callable(getattr(made, "update", None)):
         raise TiltcalError(

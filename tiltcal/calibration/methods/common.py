@@ -197,7 +197,7 @@ def worst_dwell(fit: Fit, poses: Poses) -> str:
         fit: with residuals in units of their noise, those of one dwell next to each other.
         poses: the dwells.
     """
-    if not len(poses) or len(fit.residuals) % len(poses):
+    if len(fit.residuals) not in (len(poses), len(poses) * len(poses.sensor.axes)):
         return ""
     from scipy.special import chdtrc, chdtri
 

@@ -16,6 +16,11 @@ from tiltcal.statistics.least_squares import Fit
 TERMS = ("bias", "scale", "cross_axis", "gsens")
 EARTH = "earth."
 """Begins the names of the components of the Earth's rate, which are fitted beside the terms."""
+FORCE = "force."
+"""Begins the names of cross-axis terms of the accelerometer that its norm does not determine."""
+PRIOR = (EARTH, FORCE)
+"""Parameters in units of their prior, which are not kept."""
+SHEARS = ("xy", "xz", "yz")
 
 
 def parameter_names(name: str, terms: Sequence[str]) -> list[str]:
@@ -95,8 +100,12 @@ class GyroModel:
         self.earth = np.array(
             [v for n, v in zip(names, values, strict=True) if n.startswith(EARTH)]
         )
+        self.shear = np.zeros((3, 3))
         for name, value in zip(names, values, strict=True):
-            if name.startswith(EARTH):
+            if name.startswith(FORCE):
+                i, j = (AXES.index(a) for a in name.removeprefix(FORCE))
+                self.shear[i, j] = self.shear[j, i] = value
+            if name.startswith(PRIOR):
                 continue
             term, _, axes = name.split(".")[1].partition("_")
             i, j = AXES.index(axes[0]), AXES.index(axes[-1])
@@ -110,6 +119,13 @@ class GyroModel:
     def rate(self, reading: Array, force: Array) -> Array:
         """True rate, rad/s, from readings and the force in g, (..., 3)."""
         return (reading - self.bias - force @ self.G.T) @ np.linalg.inv(self.M).T
+
+    def directions(self, up: Array, size: float) -> Array:
+        """Directions of gravity, (m, 3), without cross-axis terms of the accelerometer. size: of
+        the prior of these terms.
+        """
+        turned = up - size * up @ self.shear
+        return np.asarray(turned / np.linalg.norm(turned, axis=1)[:, None])
 
 
 class StaticRates:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, wrap_up
 from tiltcal.calibration.methods.gyro_model import (
-    EARTH,
+    PRIOR,
     TERMS,
     GyroModel,
     StaticRates,
@@ -27,6 +27,7 @@ from tiltcal.calibration.methods.gyro_turns_model import (
     turn_errors,
 )
 from tiltcal.calibration.methods.norm import norm
+from tiltcal.calibration.methods.terms import effect_of_term
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.causes import cause_test
 from tiltcal.calibration.screen.channels import channel_tests
@@ -49,6 +50,7 @@ from tiltcal.statistics.least_squares import Fit
 NAME = "gyro_turns"
 LEAST_TURNS = 6  # three biases and three scale factors at least, two equations a turn
 FOLDS = 12
+NORM_TERMS = 9  # of the accelerometer: bias, scale factor and cross-axis
 
 
 def gyro_turns(
@@ -90,7 +92,7 @@ def gyro_turns(
     found = list(find_segments(recording)) if segments is None else list(segments)
     rests, turns, static = _turns_and_rests(recording, setup, found, gyro, accel)
     names = parameter_names(gyro.name, terms)
-    names += turns.earth.names
+    names += turns.names
     fit, converged = solve(turns, static, names)
     if setup.budget and not fit.dropped:
         x = np.array([fit.value(n) for n in names])
@@ -106,8 +108,9 @@ def gyro_turns(
     warnings = [
         f"held-out error of gravity's direction after a turn: {heldout / DEG:.3g} deg rms",
         _earth_note(setup),
+        *_shear_notes(turns),
     ]
-    fit = fit.selected(np.array([not name.startswith(EARTH) for name in fit.names]))
+    fit = fit.selected(np.array([not name.startswith(PRIOR) for name in fit.names]))
     return wrap_up(
         NAME,
         verdict_of(tests, converged and not fit.dropped and fit.dof > 0),
@@ -131,6 +134,34 @@ def _earth_note(setup: Setup) -> str:
         f"the Earth's rate at {setup.site.latitude_deg:g} deg is taken off, its horizontal part"
         " with a fitted heading"
     )
+
+
+def _shear_notes(turns: Turns) -> list[str]:
+    """What the norm of the accelerometer leaves open, if anything."""
+    if not turns.shear:
+        return []
+    return [
+        "the rests do not determine the cross-axis terms of the accelerometer: each is fitted"
+        f" beside the turns, with a standard deviation of {turns.shear * 1e6:g} ppm before; rest in"
+        " oblique attitudes as well"
+    ]
+
+
+def _calibrated_by_norm(
+    recording: Recording, setup: Setup, segments: Sequence[Segment], accel: Sensor
+) -> tuple[Calibration, float]:
+    """The accelerometer by its norm, and the standard deviation of each cross-axis term that this
+    leaves open: rests on faces alone determine none.
+    """
+    rests = len(find_poses(recording, setup, accel, segments))
+    if rests >= NORM_TERMS:
+        whole = norm(recording, setup, segments=segments, sensor=accel.name, terms=NORM_TERMS)
+        tests = {t.name: t.passed for t in whole.tests}
+        if tests["condition of the positions"] and tests["converged"]:
+            return whole, 0.0
+    (term,) = effect_of_term("cross_axis", accel).parameters
+    found = norm(recording, setup, segments=segments, sensor=accel.name, terms=6)
+    return found, term.plausible[-1] * term.factor
 
 
 def _require_terms(terms: Sequence[str]) -> None:
@@ -165,8 +196,8 @@ def _turns_and_rests(
     """The rests, the turns and the static rates, with forces corrected by a norm calibration."""
     setup = setup.model_copy(update={"budget": ()})  # its part is in the residuals
     rests = find_poses(recording, setup, gyro, segments)
-    by_norm = norm(recording, setup, segments=segments, sensor=accel.name)
     _require_turns(rests, recording)
+    by_norm, shear = _calibrated_by_norm(recording, setup, segments, accel)
     g = setup.site.gravity
     poses = find_poses(recording, setup, accel, segments)
     if len(rests) != len(poses):
@@ -176,11 +207,13 @@ def _turns_and_rests(
     force = Series(sensed.time, by_norm.correct(accel, sensed.values, g) / G0)
     # of gravity's direction at the edge of a rest: noise of its mean, and what the norm leaves
     noise = np.trace(poses.noise) / 3 * poses.inflation / max(EDGE * accel.rate_hz, 1.0)
-    left_by_norm = by_norm.heldout_rms.get(accel.name, 0.0)
+    # a direction left out says nothing where the terms that it needs are fitted with the turns
+    left_by_norm = 0.0 if shear else by_norm.heldout_rms.get(accel.name, 0.0)
     sigma = float(np.sqrt(noise + left_by_norm**2) / g)
     stated = setup.site.latitude_deg
     latitude = None if stated is None else stated * DEG
     turns, earth = collect_turns(recording, gyro, rests, force, sigma, latitude)
+    turns = replace(turns, shear=shear)
     return rests, turns, StaticRates(rests, by_norm.correct(accel, poses.means, g), earth)
 
 

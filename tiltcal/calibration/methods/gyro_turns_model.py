@@ -9,7 +9,9 @@ from itertools import pairwise, zip_longest
 import numpy as np
 
 from tiltcal.calibration.methods.gyro_model import (
-    EARTH,
+    FORCE,
+    PRIOR,
+    SHEARS,
     EarthRate,
     GyroModel,
     StaticRates,
@@ -28,7 +30,7 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.least_squares import CommonErrors, Fit, gauss_newton
 
 RATE_STEP = 1e-5  # rad/s: of an error of the readings, for its derivative
-STEPS = {"gsens": 1.0, "earth": 0.1}  # deg/h/g; of the Earth's rate
+STEPS = {"gsens": 1.0, "prior": 0.1}  # deg/h/g; of the size of a prior
 MEMORY_LIMIT = 300_000  # samples of all models that are integrated at a time
 EDGE = 0.5  # s of rest beside a turn over which gravity's direction is averaged
 
@@ -44,6 +46,8 @@ class Turns:
         before, after: gravity direction at the rests, unit vectors in the body frame, (m, 3).
         sigma: standard deviation of the propagated less the measured direction, rad, (m,).
         earth: the Earth's rate at each sample, (m, n).
+        shear: standard deviation of each cross-axis term of the accelerometer that its norm does
+            not determine; 0 where it determines them.
     """
 
     rate: Array
@@ -53,6 +57,12 @@ class Turns:
     after: Array
     sigma: Array
     earth: EarthRate
+    shear: float = 0.0
+
+    @property
+    def names(self) -> list[str]:
+        """Of what is fitted beside the terms, with a prior."""
+        return [*self.earth.names, *(f"{FORCE}{p}" for p in SHEARS if self.shear)]
 
     def subset(self, mask: Array) -> "Turns":
         """Some of the turns. mask: (turns,)."""
@@ -64,6 +74,7 @@ class Turns:
             self.after[mask],
             self.sigma[mask],
             self.earth.subset(mask),
+            self.shear,
         )
 
     def __len__(self) -> int:
@@ -238,7 +249,7 @@ def propagated(turns: Turns, models: Sequence[GyroModel]) -> Array:
         [model.rate(turns.rate, turns.force) - turns.earth.rate(model.earth) for model in models]
     )
     rotations = _products(rates, np.tile(turns.step, (k, 1)))
-    before = np.tile(turns.before, (k, 1))[:, :, None]
+    before = np.concatenate([m.directions(turns.before, turns.shear) for m in models])[:, :, None]
     return np.asarray(rotations @ before).reshape(k, len(turns), 3)
 
 
@@ -260,7 +271,8 @@ def turn_errors(turns: Turns, model: GyroModel) -> Array:
     """Angle between the propagated and the measured gravity direction after each turn, rad,
     (m,).
     """
-    return angle_between(propagated(turns, [model])[0], turns.after)
+    after = model.directions(turns.after, turns.shear)
+    return angle_between(propagated(turns, [model])[0], after)
 
 
 @dataclass(frozen=True)
@@ -284,7 +296,7 @@ class Equations:
     @property
     def prior(self) -> list[int]:
         """Places of the parameters that have one."""
-        return [k for k, name in enumerate(self.names) if name.startswith(EARTH)]
+        return [k for k, name in enumerate(self.names) if name.startswith(PRIOR)]
 
     @property
     def sizes(self) -> list[int]:
@@ -305,7 +317,8 @@ class Equations:
         models = [GyroModel(x, self.names) for x in X]
         turns = self.turns
         across = tangents(turns.after) if self.across is None else self.across
-        error = propagated(turns, models) - turns.after
+        after = np.array([model.directions(turns.after, turns.shear) for model in models])
+        error = propagated(turns, models) - after
         angles = np.einsum("mij,kmj->kmi", across, error) / turns.sigma[:, None]
         at_rest = np.array([self.static.residual(model) for model in models])
         weight = self.weight
@@ -465,7 +478,7 @@ def _slopes(
     The steps are 1e-5 of a ratio or rad/s, or of ``STEPS``.
     """
     steps = np.array([STEPS.get(n.partition(".")[2].partition("_")[0], 1e-5) for n in names])
-    steps = np.where([n.startswith(EARTH) for n in names], STEPS["earth"], steps)
+    steps = np.where([n.startswith(PRIOR) for n in names], STEPS["prior"], steps)
     moved = np.vstack([x + np.diag(steps), x - np.diag(steps)])
     found = np.concatenate([residuals(part) for part in np.array_split(moved, parts)])
     up, down = np.split(found, 2)

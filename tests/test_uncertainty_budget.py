@@ -1,9 +1,11 @@
 """Uncertain references: sensitivities by hand, and the whole by Monte Carlo."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from statistics_helpers import rng_of
 
 from tiltcal.calibration.methods import gyro_turns, norm, north_seeking
 from tiltcal.calibration.methods.registry import METHODS, calibrate
@@ -16,6 +18,7 @@ from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.reference_errors import with_reference_errors
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.setup.sources import SourceTable
+from tiltcal.statistics.least_squares import CommonErrors, gauss_newton, linear_fit
 from tiltcal.validation.cross_check import check
 from tiltcal.validation.uncertainty_budget import budget_of, make_budget
 
@@ -376,3 +379,23 @@ def test_the_report_holds_the_budget_of_a_scenario_that_names_sources(tmp_path):
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "uncertainty budget: parameter" in report
     assert "table_index_error[outer] sigma" in report
+
+
+@pytest.mark.parametrize("nonlinear", [False, True])
+def test_the_posterior_of_a_common_error_is_that_of_a_parameter_with_a_prior(nonlinear):
+    """A common error as one more column with a row for its prior, solved by hand."""
+    rng = rng_of("posterior of common errors")
+    A, U = rng.normal(size=(20, 3)), rng.normal(size=(20, 2))
+    y = A @ [1.0, -2.0, 0.5] + U @ [0.7, -1.2] + rng.normal(size=20)
+    names, common = ["a", "b", "c"], CommonErrors(U, np.array([True, True]))
+    if nonlinear:
+        fit, _ = gauss_newton(names, np.zeros(3), lambda x: (A @ x - y, A), common=common)
+        fit = replace(fit, posterior=fit.posterior * [[-1.0], [1.0]])  # of the residuals
+    else:
+        fit = linear_fit(names, A, y, common)
+    whole = np.vstack([np.hstack([A, U]), np.hstack([np.zeros((2, 3)), np.eye(2)])])
+    covariance = np.linalg.inv(whole.T @ whole)
+    expected = covariance @ whole.T @ np.append(y, [0.0, 0.0])
+    np.testing.assert_allclose(fit.values, expected[:3], rtol=1e-6)
+    np.testing.assert_allclose(fit.posterior[0], expected[3:], rtol=1e-6)
+    np.testing.assert_allclose(fit.posterior[1], np.sqrt(np.diag(covariance)[3:]), rtol=1e-6)

@@ -63,6 +63,8 @@ class Reference:
         assumed: whether it stands in the budget only: not in the covariance.
         at_stops: whether it is another error at each stop.
         contributions: parameter -> standard uncertainty it contributes, in the parameter's unit.
+        posterior: the error by the recording, and its standard uncertainty then, in ``unit``; None
+            where it was not fitted, or is another one at each stop.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Reference:
     assumed: bool
     at_stops: bool
     contributions: Mapping[str, float]
+    posterior: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -90,6 +90,7 @@ class StoredReference(Stored):
     assumed: bool = False
     at_stops: bool = False
     contributions: dict[str, Annotated[float, Field(ge=0)]] = {}
+    posterior: tuple[Finite, Annotated[float, Field(ge=0)]] | None = None
 
 
 class StoredCalibration(Stored):

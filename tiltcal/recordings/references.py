@@ -218,6 +218,20 @@ class References:
         each = np.arange(len(self.sources)) == self.owner[:, None]
         return np.asarray(np.sqrt(contributions**2 @ each))
 
+    def single(self, posterior: Array | None) -> list[tuple[float, float] | None]:
+        """Of each source what its columns have, where that is one that was fitted. posterior: of
+        each column, (2, q).
+        """
+        found: list[tuple[float, float] | None] = []
+        for number, source in enumerate(self.sources):
+            own = np.flatnonzero(self.owner == number)
+            usable = posterior is not None and len(own) == 1 and not source.assumed
+            if usable and posterior is not None and posterior.shape[1] == len(self.owner):
+                found.append((float(posterior[0, own[0]]), float(posterior[1, own[0]])))
+            else:
+                found.append(None)
+        return found
+
 
 NO_REFERENCES = References()
 

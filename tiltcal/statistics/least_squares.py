@@ -102,6 +102,8 @@ class Fit:
         condition: of the column-scaled design.
         rank: number of independent parameters that were fitted; that of ``names`` unless given.
         contributions: what one standard deviation of each common error changes, (p, q).
+        posterior: each common error by the data, in its standard deviations, and its standard
+            deviation then, (2, q).
     """
 
     names: tuple[str, ...]
@@ -113,6 +115,7 @@ class Fit:
     condition: float = 1.0
     rank: int | None = None
     contributions: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    posterior: Array = field(default_factory=lambda: np.zeros((2, 0)))
 
     def selected(self, keep: Mask) -> "Fit":
         """Some of the parameters: the uncertainty of the others stays in theirs. keep: (p,)."""
@@ -190,16 +193,21 @@ def linear_fit(
     keep = seen & (np.abs((vt * vt).sum(axis=0) - 1) < 1e-9)  # no part of it lies in the null space
     gain = vt.T / s / scale[:, None]
     covariance = ((vt.T / s**2) @ vt) / np.outer(scale, scale)
+    residuals = target - u @ (u.T @ target)
+    # what the parameters cannot take up of each common error tells it
+    told = np.sum(shared * shared, axis=0) - np.sum((u.T @ shared) ** 2, axis=0)
+    posterior = np.array([shared.T @ residuals, np.sqrt(np.clip(1 - told, 0.0, 1.0))])
     return Fit(
         tuple(name for name, k in zip(names, keep, strict=True) if k),
         (gain @ (u.T @ target))[keep],
         covariance[np.ix_(keep, keep)],
-        target - u @ (u.T @ target),
+        residuals,
         tuple(name for name, k in zip(names, keep, strict=True) if not k),
         1,
         float(s[0] / s[-1]) if rank else float("inf"),
         rank,
         (gain @ (u.T @ shared))[keep],
+        posterior,
     )
 
 
@@ -254,5 +262,7 @@ def gauss_newton(
     weighted = replace(common, columns=common.weight(common.columns)).propagated()
     fit = linear_fit(names, J, -r, weighted)
     kept = [name in fit.names for name in names]
-    done = replace(fit, values=x[kept], residuals=r, iterations=iteration)
+    # here the common errors add to the residuals, whose opposites were fitted
+    posterior = fit.posterior * np.array([[-1.0], [1.0]])
+    done = replace(fit, values=x[kept], residuals=r, iterations=iteration, posterior=posterior)
     return done, iteration < limit and damping <= 1e12

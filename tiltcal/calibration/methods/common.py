@@ -141,11 +141,16 @@ def wrap_up(
         heldout_rms=heldout or {},
         warnings=notes,
         provenance=provenance(recording),
-        **split_of(poses.references, fit.names, fit.contributions),
+        **split_of(poses.references, fit.names, fit.contributions, fit.posterior),
     )
 
 
-def split_of(references: References, names: Sequence[str], contributions: Array) -> dict[str, Any]:
+def split_of(
+    references: References,
+    names: Sequence[str],
+    contributions: Array,
+    posterior: Array | None = None,
+) -> dict[str, Any]:
     """What a Calibration says of its uncertain references: ``references`` with their shares of the
     uncertainty, and ``assumed_covariance``.
 
@@ -153,9 +158,12 @@ def split_of(references: References, names: Sequence[str], contributions: Array)
         references: of the observations.
         names: of the parameters, (p,).
         contributions: of each column of the references, in the parameters' units, (p, q).
+        posterior: of each column, in its standard uncertainties, and its own, (2, q); None where
+            it was not fitted.
     """
     if not references.sources:
         return {}
+    found = references.single(posterior)
     shares = references.shares(contributions).T.tolist()
     assumed = contributions[:, ~references.fitted]
     listed = [
@@ -168,8 +176,9 @@ def split_of(references: References, names: Sequence[str], contributions: Array)
             s.assumed,
             s.at_stops,
             dict(zip(names, share, strict=True)),
+            None if error is None else (error[0] * s.standard, error[1] * s.standard),
         )
-        for s, share in zip(references.sources, shares, strict=True)
+        for s, share, error in zip(references.sources, shares, found, strict=True)
     ]
     return {
         "references": listed,

@@ -1,6 +1,7 @@
 """``tiltcal calibrate``."""
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,6 +9,7 @@ from cyclopts import Parameter
 
 from tiltcal.api.calibrating import estimate, estimate_for_certificate, one_recording
 from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.screen.causes import SCENARIO_FILE
 from tiltcal.cli.certificate import (
     DccFile,
     ReportFile,
@@ -87,6 +89,7 @@ def calibrate(
         calibration, found = estimate(*data, budget)
     else:
         calibration, found = estimate_for_certificate(*data)
+    calibration = _with_path(calibration, scenario)
     if output:
         calibration.save(output)
     dwells = options.get("segments")
@@ -98,6 +101,15 @@ def calibrate(
         if found is not None and budget:
             print_budget(found, calibration)
     return 0 if calibration.verdict == "good" else 1
+
+
+def _with_path(calibration: Calibration, scenario: Path) -> Calibration:
+    """The calibration with the path of its scenario in the commands that its tests advise."""
+    tests = [
+        replace(t, statement=t.statement.replace(f" {SCENARIO_FILE}`", f" {scenario}`"))
+        for t in calibration.tests
+    ]
+    return replace(calibration, tests=tests)
 
 
 def parse_options(arguments: tuple[str, ...]) -> dict[str, Any]:

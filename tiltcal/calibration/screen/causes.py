@@ -23,6 +23,7 @@ from tiltcal.recordings.static_poses import Poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.least_squares import SINGULAR, CommonErrors
 
+SCENARIO_FILE = "SCENARIO"  # in a statement: only a command knows the path
 DRIFT = "the bias drifts over the recording"
 COARSE = 60  # instants of a step that are tried at first; then all about the best
 # sigmas from the extreme to the least of the readings at a limit: 4 each side, 3e-5 of them beyond
@@ -327,7 +328,7 @@ def cause_test(found: Sequence[Explanation], source: str, name: str = "cause") -
     """
     nothing = (
         "no single cause that was tried explains it; run"
-        f" `tiltcal diagnose {source.removeprefix('recording ')} --scenario SCENARIO`"
+        f" `tiltcal diagnose {source.removeprefix('recording ')} --scenario {SCENARIO_FILE}`"
     )
     return threshold_test(name, len(found), False, in_words(found, nothing))
 

@@ -114,6 +114,16 @@ def test_parameters_that_differ_are_named_and_nothing_is_written(tmp_path, capsy
     assert not (tmp_path / "c.json").exists()
 
 
+def test_a_parameter_that_differs_is_named_where_it_is_carried_over_temperature():
+    room = calibration({"accel.scale_x": 2e-4}, np.diag([1e-12]))
+    values = {"temperature.T0": 33.0, "accel.scale_x": 5e-3, "accel.temp1_scale_x": 1e-4}
+    chamber = calibration(values, np.diag([0.0, 1e-12, 1e-20]))
+    found = tc.combine(room, chamber)
+    assert not found.agrees
+    # the room, at 23 degC, carried to 33 degC: 2e-4 + 10 * 1e-4, 3.8e-3 off
+    assert found.differing == {"accel.scale_x": pytest.approx(3.8e-3 / 1.414e-6, rel=1e-3)}
+
+
 def test_calibrations_of_other_instruments_are_not_combined():
     rng = rng_of("others")
     with pytest.raises(TiltcalError, match="found 1 calibration, need two or more"):

@@ -67,7 +67,7 @@ def combine(calibrations: Sequence[Calibration]) -> Combination:
     dof = sum(len(p.values) for p in parts) - len(names)
     text = f"{dof} parameters in common to {len(parts)} calibrations agree within their uncertainty"
     test = chi2_test("common parameters agree", chi2, dof, text)
-    differing = {} if test.passed else _differing(parts, names)
+    differing = {} if test.passed else _differing(parts, names, x)
     joint = _joined(calibrations, thermal, names, units, x, covariance, test)
     return Combination(joint, test, differing)
 
@@ -185,15 +185,17 @@ def _require_one_instrument(calibrations: Sequence[Calibration]) -> None:
         )
 
 
-def _differing(parts: Sequence[_Part], names: Sequence[str]) -> dict[str, float]:
-    """Common parameters whose estimates differ by most sigmas."""
+def _differing(parts: Sequence[_Part], names: Sequence[str], x: Array) -> dict[str, float]:
+    """Common parameters whose estimates differ by most sigmas, those of another temperature carried
+    to that of the joint estimate. x: SI, (p,).
+    """
     found: dict[str, float] = {}
     for j, name in enumerate(names):
         seen = [
-            (p.values[i], p.sigmas[i])
+            (p.values[i] - p.H[i] @ x + x[j], p.sigmas[i])
             for p in parts
             for i in np.flatnonzero(p.H[:, j] == 1.0)
-            if np.count_nonzero(p.H[i]) == 1
+            if np.count_nonzero(p.H[i]) == 1 or ".temp" not in name
         ]
         for (a, sa), (b, sb) in pairwise(seen):
             found[name] = max(found.get(name, 0.0), float(abs(a - b) / np.hypot(sa, sb)))

@@ -20,7 +20,7 @@ Model = TypeVar("Model", bound=BaseModel)
 class Stored(BaseModel):
     """A part of a file that is read back: numbers are finite, and further keys are kept."""
 
-    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 def read_json(path: Path, kind: str, need: str) -> dict[str, Any]:

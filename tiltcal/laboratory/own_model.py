@@ -28,33 +28,27 @@ Reader = Callable[["ModelReference", Path, Sequence[str]], tuple[Chain, Mapping[
 
 
 class ModelAxis(StrictTable):
-    """A joint behind a column.
-
-    Args:
-        joint: its name in the model.
-        sign: -1 where the readout counts the other way.
-        offset_deg: angle of a joint that turns, where the readout is zero.
-        offset_mm: position of a joint that slides, where the readout is zero.
-    """
+    """A joint behind a column; a text stands for its name alone."""
 
     joint: str
+    """Name of the joint in the model."""
     sign: Literal[1, -1] = 1
+    """-1 where the readout counts against the joint."""
     offset_deg: float = 0.0
+    """Angle of a joint that turns, at readout zero, deg."""
     offset_mm: float = 0.0
+    """Position of a joint that slides, at readout zero, mm."""
 
 
 class ModelReference(StrictTable):
-    """A model as the scenario states it, and what of it is recorded.
-
-    Args:
-        mjcf: MJCF or URDF, in the scenario's folder.
-        axes: joint of each table axis, by the name in its column ``table_<axis>_<unit>``.
-        site: of the instrument: a site, or a body.
-    """
+    """A model as the scenario states it, and what of it is recorded."""
 
     mjcf: str
+    """MJCF or URDF, in the scenario's folder."""
     axes: dict[str, ModelAxis] = Field(min_length=1)
+    """Joint of each table axis, by the name in its column `table_<axis>_deg` or `_mm`."""
     site: str
+    """Site or body where the instrument sits."""
 
     @field_validator("axes", mode="before")
     @classmethod

@@ -32,18 +32,31 @@ class Scenario(Setup):
     """A whole scenario."""
 
     schema_: Annotated[Literal[1], Field(alias="schema")]
+    """Version of the file's keys."""
     name: str = "scenario"
+    """Title, as reports show it."""
     role: Literal["concealed"] | None = None
+    """"concealed": the file holds the truth of a blind trial, and `diagnose` refuses it."""
     about: str = ""
+    """What the scenario is for, in a sentence or two."""
     seed: int = 0
+    """Seed of all random effects; a run adds its number to it."""
     grade: Literal["precision", "mid_mems", "consumer"] | None = None
+    """Draw an effect of plausible size, of every ordinary kind that no `[[effect]]` names."""
     grade_seed: int = 0
+    """Seed of the instrument that `grade` draws."""
     climate: Climate = Climate()
+    """Temperature against time."""
     effect: tuple[EffectTable, ...] = ()
+    """Known physics, injected by `simulate` and part of the model elsewhere."""
     sequence: tuple[Step, ...] = ()
+    """What the table does, step by step."""
     dynamics: Dynamics | None = None
+    """Run by time steps instead of prescribed motion."""
     method: tuple[MethodTable, ...] = ()
+    """Calibration methods that `run` and `verify` judge."""
     estimator: tuple[EstimatorTable, ...] = ()
+    """Estimators, fed sample by sample, that `run` and `verify` judge."""
 
     @field_validator("sensor")
     @classmethod

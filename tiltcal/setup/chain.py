@@ -21,17 +21,14 @@ BASE = ""
 
 
 class LinkFrame(StrictTable):
-    """A frame that is fixed on a link.
-
-    Args:
-        on: axis of the link; empty: the base.
-        offset_m: of its origin, in the link's frame.
-        rotation: quaternion w, x, y, z: its components to the link's.
-    """
+    """A frame that is fixed on a link."""
 
     on: str = BASE
+    """Axis of the link that carries it; empty: the base."""
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Its origin, in the frame of that link, m."""
     rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    """Quaternion w, x, y, z that takes its components to those of the link."""
 
     @cached_property
     def offset(self) -> Array:
@@ -52,43 +49,42 @@ class LinkFrame(StrictTable):
 
 
 class Link(LinkFrame):
-    """A link behind an axis.
-
-    Args:
-        axis: name of the axis; its readout is the column ``table_<axis>_<unit>``.
-        joint: of the model that it was read from.
-        slides: along its axis, instead of turning about it.
-        sign: -1 where the readout counts the other way than that joint.
-        offset_deg, offset_mm: the joint's angle, or its position where it slides, at readout
-            zero.
-        reference_deg: readout of a joint that turns with the model at its reference.
-        range_deg, range_mm: lowest and highest readout by the range of the joint, in mm where it
-            slides; None: it has none.
-        mass_kg, centre_m: of all that moves with it, and where that has its centre of mass.
-        inertia_kg_m2: of it about that centre: xx, yy, zz, xy, xz, yz in the link's frame.
-        armature_kg_m2: inertia of the drive about the joint; along a slide kg.
-        damping_N_m_s_rad, friction_N_m: of the joint; along a slide N s/m and N.
-        servo_N_m_rad, servo_N_m_s_rad: stiffness and damping of the servo that moves it in a run by
-            time steps; along a slide N/m and N s/m.
-    """
+    """A link behind an axis."""
 
     axis: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+    """Name of the axis; its readout is the column `table_<axis>_deg` or `_mm`."""
     joint: str = ""
+    """Joint of the model that it was read from."""
     slides: bool = False
+    """It slides along its axis instead of turning about it."""
     sign: Literal[1, -1] = 1
+    """-1 where the readout counts against that joint."""
     offset_deg: float = 0.0
+    """Angle of a joint that turns, at readout zero, deg."""
     offset_mm: float = 0.0
+    """Position of a joint that slides, at readout zero, mm."""
     reference_deg: float = 0.0
+    """Readout of a joint that turns, with the model at its reference, deg."""
     range_deg: tuple[float, float] | None = None
+    """Lowest and highest readout of a joint that turns, deg; not given: no limits."""
     range_mm: tuple[float, float] | None = None
+    """Lowest and highest readout of a joint that slides, mm; not given: no limits."""
     mass_kg: Annotated[float, Field(ge=0)] = 0.0
+    """Mass of all that moves with it, kg."""
     centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Centre of that mass in the link's frame, m."""
     inertia_kg_m2: tuple[float, float, float, float, float, float] = (0.0,) * 6
+    """Inertia about that centre, xx, yy, zz, xy, xz, yz in the link's frame, kg m2."""
     armature_kg_m2: Annotated[float, Field(ge=0)] = 0.0
+    """Inertia of the drive about the joint, kg m2; along a slide kg."""
     damping_N_m_s_rad: Annotated[float, Field(ge=0)] = 0.0
+    """Damping of the joint, N m s/rad; along a slide N s/m."""
     friction_N_m: Annotated[float, Field(ge=0)] = 0.0
+    """Dry friction of the joint, N m; along a slide N."""
     servo_N_m_rad: Annotated[float, Field(ge=0)] = 0.0
+    """Stiffness of the servo in a run by time steps, N m/rad; along a slide N/m."""
     servo_N_m_s_rad: Annotated[float, Field(ge=0)] = 0.0
+    """Damping of that servo, N m s/rad; along a slide N s/m."""
 
     @property
     def zero(self) -> float:

@@ -9,7 +9,11 @@ class StrictTable(BaseModel):
     """A frozen part of a scenario; unknown keys are errors."""
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, ignored_types=(cached_property,)
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        ignored_types=(cached_property,),
+        use_attribute_docstrings=True,
     )
 
     @classmethod

@@ -42,13 +42,21 @@ class Input(StrictTable):
     """
 
     unit: Literal["V", "mV", "mA", "LSB", "rad", "deg", "arcsec"]
+    """Unit of the columns."""
     zero: float | tuple[float, ...] = 0.0
+    """Raw reading at zero input, in that unit; one for all channels or one each."""
     per_m_s2: NonZero | None = None
+    """Raw units for one m/s2."""
     per_g: NonZero | None = None
+    """Raw units for one standard gravity of 9.80665 m/s2."""
     per_rad_s: NonZero | None = None
+    """Raw units for one rad/s."""
     per_deg_s: NonZero | None = None
+    """Raw units for one deg/s."""
     per_rad: NonZero | None = None
+    """Raw units for one rad of inclination."""
     per_deg: NonZero | None = None
+    """Raw units for one deg of inclination."""
 
     @model_validator(mode="after")
     def _one_slope(self) -> "Input":
@@ -93,28 +101,28 @@ class Input(StrictTable):
 class Converter(StrictTable):
     """An analogue chain and one sigma-delta converter that takes the channels in turn; the defaults
     are an AD7705 behind a quartz flexure accelerometer (fCLK 2.4576 MHz).
-
-    Args:
-        current_mA_g: of the accelerometer's loop.
-        resistor_ohm: it flows through.
-        amplifier: gain before the converter.
-        lowpass_hz: corner of the first-order filter behind the amplifier.
-        reference_V, gain, bits: of the converter: it takes +- reference/gain.
-        modulator_hz: rate of the modulator.
-        output_hz: of the sinc3 filter, whose notches lie at its multiples.
-        settle: conversions until a channel has settled after the switch; the last one is kept.
     """
 
     current_mA_g: Annotated[float, Field(gt=0)] = 1.0
+    """Current of the accelerometer's loop, mA for one g."""
     resistor_ohm: Annotated[float, Field(gt=0)] = 50.0
+    """Resistor that the current flows through, ohm."""
     amplifier: Annotated[float, Field(gt=0)] = 90.0
+    """Gain before the converter."""
     lowpass_hz: Annotated[float, Field(gt=0)] = 10.0
+    """Corner of the first-order filter behind the amplifier, Hz."""
     reference_V: Annotated[float, Field(gt=0)] = 2.5
+    """Reference, V; the converter takes +- reference/gain."""
     gain: Annotated[float, Field(gt=0)] = 2.0
+    """Gain of the converter's own amplifier."""
     bits: Annotated[int, Field(ge=8, le=24)] = 16
+    """Resolution, bits."""
     modulator_hz: Annotated[float, Field(gt=0)] = 19200.0
+    """Rate of the modulator, Hz."""
     output_hz: Annotated[float, Field(gt=0)] = 250.0
+    """Output rate of the sinc3 filter, whose notches lie at its multiples, Hz."""
     settle: Annotated[int, Field(ge=3)] = 4
+    """Conversions until a channel has settled after the switch; the last one is kept."""
 
     @property
     def volts_per_si(self) -> float:
@@ -140,20 +148,31 @@ class Converter(StrictTable):
 class Sensor(StrictTable):
     """One sensor of the instrument: a prefix of columns.
 
-    On a user's own model it may have a ``place`` of its own.
+    On a user's own model ``site`` names the site or body where it sits; it is read into ``place``.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]*$")]
+    """Prefix of its columns, such as `accel`; not one of the reserved names."""
     kind: Literal["accelerometer", "inclinometer", "gyro", "fog"]
+    """What it senses; a sensor that reads the sine of its tilt is an accelerometer."""
     axes: tuple[str, ...] = ("x", "y", "z")
+    """Channels, along axes of the body; an inclinometer has x and y, a FOG the one axis a."""
     rate_hz: Annotated[float, Field(gt=0)] = 100.0
+    """Sample rate of a simulated recording, Hz."""
     adjustable: tuple[str, ...] = ()
+    """What a calibration may re-tune: `bias`, `scale`, `cross_axis`, or ids of effects."""
     input_axis: tuple[float, float, float] | None = None
+    """Input axis of a FOG in the body frame; its length does not matter."""
     input: Input | None = None
+    """How raw columns become SI."""
     converter: Converter | None = None
+    """Analogue chain and converter of an accelerometer."""
     unit: str | None = None
+    """Unit of its simulated columns; by default m_s2, deg, deg_s, and deg_h of a FOG."""
     full_scale: Annotated[float, Field(gt=0)] | None = None
+    """Largest input, SI: the range of integral non-linearity and of firmware."""
     place: LinkFrame | None = None
+    """Where it sits on a user's own model, if not where the instrument does."""
 
     @model_validator(mode="after")
     def _consistent(self) -> "Sensor":

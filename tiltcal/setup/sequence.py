@@ -18,12 +18,19 @@ class Climate(StrictTable):
     """Temperature of the laboratory against time: start, ramp, swing and an exponential change."""
 
     start_degC: float = 23.0
+    """Temperature at the first sample, degC."""
     ramp_degC_h: float = 0.0
+    """Steady change, degC/h."""
     swing_degC: float = 0.0
+    """Amplitude of a sine, degC."""
     period_s: Annotated[float, Field(gt=0)] = 900.0
+    """Period of that sine, s."""
     change_degC: float = 0.0
+    """Size of an exponential change from the first sample on, degC."""
     tau_s: Annotated[float, Field(gt=0)] = 600.0
+    """Time constant of that change, s."""
     reference_degC: float | None = None
+    """T0 of effects of temperature, degC; not given: the mean over the recording."""
 
     def at(self, elapsed: Array) -> Array:
         """Temperature, degC, (n,), at times since the first stamp, s."""
@@ -82,20 +89,35 @@ class Step(StrictTable):
     __pydantic_extra__: dict[Annotated[str, AfterValidator(_is_axis_key)], float | None]
 
     action: Literal["rest", "move", "turn", "sweep", "oscillate", "remount", "scheme"]
+    """What the table does."""
     rate_deg_s: Annotated[float, Field(gt=0)] = 20.0
+    """Rate of a move or a turn, deg/s."""
     rate_mm_s: Annotated[float, Field(gt=0)] = 50.0
+    """Rate of a move along an axis that slides, mm/s."""
     dwell_s: Annotated[float, Field(ge=0)] = 0.0
+    """Time at standstill after the motion, s."""
     mount: str | None = None
+    """Mounting after `remount`, as in `[rig]`."""
     label: str | None = None
+    """The operator's label of the dwell, such as "+x"."""
     axis: str | tuple[float, float, float] | None = None
+    """Axis of `turn` and `oscillate`: its name, or hand-held a direction in the body."""
     angle_deg: float | None = None
+    """Angle of `turn`, deg."""
     step_deg: Annotated[float, Field(gt=0)] = 10.0
+    """Step of `sweep`, deg."""
     step_mm: Annotated[float, Field(gt=0)] = 50.0
+    """Step of `sweep` along an axis that slides, mm."""
     amplitude_deg: float | None = None
+    """Amplitude of `oscillate`, deg."""
     frequency_hz: Annotated[float, Field(gt=0)] | None = None
+    """Frequency of `oscillate`, Hz."""
     cycles: Annotated[int, Field(gt=0)] = 5
+    """Cycles of `oscillate`."""
     up: str | None = None
+    """Hand-held: body direction that points up after `move`, such as "+x" or "[0.5, 0, 1]"."""
     scheme: Literal["6", "8", "12", "24", "tumble"] | None = None
+    """Measuring scheme of `scheme`: its number of positions, or a tumble."""
 
     @classmethod
     def keys(cls) -> list[str]:

@@ -24,10 +24,16 @@ from tiltcal.setup.tables import BUILT_IN, Axis, Table, add_model, every_table, 
 class Site(StrictTable):
     """Where the laboratory stands."""
 
-    gravity_m_s2: Annotated[float, Field(gt=0, description="local plumb-line gravity, m/s2")]
+    gravity_m_s2: Annotated[float, Field(gt=0)]
+    """Local plumb-line gravity, m/s2."""
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    """Geodetic latitude, deg; needed by gyros and FOGs; not given: no Earth's rate."""
     heading_deg: float | Literal["unknown"] = 0.0
+    """Azimuth of the table's North mark, clockwise from true north, deg; "unknown" makes it
+    adjustable.
+    """
     temperature_degC: float = 23.0
+    """Temperature of the laboratory, degC."""
 
     @model_validator(mode="before")
     @classmethod
@@ -77,18 +83,26 @@ def _list_tables(schema: dict[str, Any]) -> None:
 class Rig(StrictTable):
     """The table and how the instrument sits on it.
 
-    A user's own model stands as ``link`` and ``instrument``; ``model`` is the file that they were
-    read from, ``site`` the instrument's in it, and ``table`` follows from them.
+    A user's own model is read into ``link`` and ``instrument``; ``model`` is the file that they
+    were read from, ``site`` the instrument's in it, and ``table`` follows from them.
     """
 
     table: Annotated[str, AfterValidator(known_table), Field(json_schema_extra=_list_tables)]
+    """Table; its axes are defined under frames and signs of the interfaces."""
     model: str = ""
+    """File that the links were read from."""
     site: str = ""
+    """Site or body of the model where the instrument sits."""
     link: tuple[Link, ...] = ()
+    """Links of a user's own model, from the base outwards."""
     instrument: LinkFrame = LinkFrame()
+    """Where the instrument sits on the links."""
     readout: Literal["encoder", "command"] = "encoder"
+    """What the table's columns hold: the encoder's angle, or the one the drive was asked for."""
     mount: str = "identity"
+    """Rotation from body to faceplate, such as "Rz(180)" or "Rx(90) Rz(180)", deg."""
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """From the axes' common point to the sensors, in the body frame, m."""
 
     @model_validator(mode="before")
     @classmethod
@@ -153,9 +167,13 @@ class Setup(StrictTable):
     """Site, rig and sensors: what a user knows of a laboratory, and how well."""
 
     site: Site
+    """Gravity, latitude and heading of the laboratory."""
     rig: Rig
+    """The table and how the instrument sits on it."""
     sensor: tuple[Sensor, ...] = ()
+    """Sensors of the instrument; each has its own columns."""
     budget: tuple[SourceTable, ...] = ()
+    """Uncertain references: part of the fit, the verdict and the uncertainty."""
 
     @model_validator(mode="after")
     def _links_exist(self) -> "Setup":

@@ -10,15 +10,17 @@ class SourceTable(BaseModel):
 
     An effect of the catalogue, or gravity, latitude, heading, fog_axis; each parameter with its
     unit is a line of the budget.
-    ``distribution`` states what the size is: a standard uncertainty (normal), a half-width
-    (rectangular), or U at k = 2 (expanded). What is ``assumed`` stands in the budget only: neither
-    fit nor verdict count with it.
     """
 
-    model_config = ConfigDict(extra="allow", frozen=True)
+    model_config = ConfigDict(extra="allow", frozen=True, use_attribute_docstrings=True)
 
     id: str
+    """Effect of the catalogue, or `gravity`, `latitude`, `heading`, `fog_axis`."""
     sensor: str | None = None
+    """Sensor that it acts on, where there is a choice."""
     axis: str | None = None
+    """Table axis that it acts on, where there is a choice."""
     distribution: Literal["normal", "rectangular", "expanded"] = "normal"
+    """What the sizes are: a standard uncertainty, a half-width, or U at k = 2."""
     assumed: bool = False
+    """It stands in the budget only: neither fit nor verdict count with it."""

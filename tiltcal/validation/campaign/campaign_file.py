@@ -17,22 +17,22 @@ from tiltcal.validation.campaign.factors import Document, Factor
 
 
 class CampaignTable(StrictTable):
-    """The keys of a campaign file.
-
-    Args:
-        scenario: path of a scenario file, from the campaign file's folder.
-        runs: seeds at each point.
-        samples: points of the distributions' design, a power of 2.
-        quantile: of the tilt error in the summary.
-    """
+    """The keys of a campaign file."""
 
     schema_: Annotated[Literal[1], Field(alias="schema")]
+    """Version of the file's keys."""
     scenario: str
+    """Scenario file, as seen from the campaign file's folder."""
     name: str = "campaign"
+    """Title, as results show it."""
     runs: Annotated[int, Field(ge=1)] = 1
+    """Seeds at each point."""
     samples: Annotated[int, Field(ge=2)] = 64
+    """Points of the distributions' design, a power of 2."""
     quantile: Annotated[float, Field(gt=0, lt=1)] = 0.95
+    """Quantile of the tilt error in the summary."""
     factor: tuple[Factor, ...] = ()
+    """What is varied."""
 
     @field_validator("samples")
     @classmethod

@@ -81,34 +81,47 @@ def _nowhere(path: str, token: str, found: str, do: str) -> TiltcalError:
 
 
 class Level(StrictTable):
-    """One level that sets several fields: ``label`` is what results call it."""
+    """One level that sets several fields."""
 
     label: str
+    """What results call the level."""
     set: dict[str, Any]
+    """Path of each field, and its value."""
 
 
 class Factor(StrictTable):
     """One factor, by one of these:
 
-    ``values``: levels of one field. ``start, stop, count``: evenly spaced ones, with ``log`` in
-    their logarithm. ``level``: levels that set several fields. ``distribution``: ``uniform`` or
-    ``loguniform`` between ``low`` and ``high``, ``integer`` from ``low`` to ``high``, both of them
-    among its values, ``normal`` with ``mean`` and ``sigma``.
+    ``values``: levels of one field. ``start, stop, count``: evenly spaced ones. ``level``: levels
+    that set several fields. ``distribution``: values drawn at random.
     """
 
     name: str = ""
+    """What results call the factor; by default its field."""
     field: str | None = None
+    """Path of a field of the scenario, such as `site.latitude_deg`."""
     values: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
+    """Levels of the field, of any kind that it takes."""
     start: float | None = None
+    """First of evenly spaced levels."""
     stop: float | None = None
+    """Last of them."""
     count: Annotated[int, Field(ge=1)] | None = None
+    """How many of them."""
     log: bool = False
+    """Space them evenly in their logarithm."""
     level: Annotated[tuple[Level, ...], Field(min_length=1)] | None = None
+    """Levels that set several fields."""
     distribution: Literal["uniform", "loguniform", "integer", "normal"] | None = None
+    """Distribution of the field; `integer` has `low` and `high` among its values."""
     low: float | None = None
+    """Lower end of `uniform`, `loguniform` and `integer`."""
     high: float | None = None
+    """Upper end of the same."""
     mean: float | None = None
+    """Mean of `normal`."""
     sigma: Annotated[float, Field(gt=0)] | None = None
+    """Standard deviation of `normal`."""
 
     @model_validator(mode="after")
     def _one_kind(self) -> "Factor":

@@ -20,6 +20,7 @@ from tiltcal.effects.sense import Sense
 from tiltcal.instrument.temperature import TemperatureTerms
 from tiltcal.setup.sensor import Sensor
 
+STEP = 1e-5  # of the unit of input: its square and rounding over it are alike, 1e-10
 ROUNDS = 40  # of an inversion: each reduces the error by the size of the terms beyond the linear
 CONVERGED = 1e-13  # of the size of an input: the rounding of a few sums
 
@@ -216,6 +217,29 @@ class InstrumentModel:
             if not active.any():
                 break
         return found
+
+    def slopes(self, sensor: Sensor, inputs: Array, given: Sense | None = None) -> Array:
+        """Change of the readings with the inputs, by central differences, (n, k, k).
+
+        Args:
+            sensor: which.
+            inputs: along each channel, SI, (n, k).
+            given: as of ``invert``.
+        """
+        step = STEP * self.unit_input(sensor)
+        found = []
+        for direction in np.eye(inputs.shape[1]):
+            up, down = (
+                self.predict(
+                    sensor,
+                    self._sense_of(
+                        sensor, self._complete(sensor, inputs + way * step * direction), given
+                    ),
+                )
+                for way in (1, -1)
+            )
+            found.append((up - down) / (2 * step))
+        return np.moveaxis(np.array(found), 0, -1)
 
     def _beyond(
         self, sensor: Sensor, inputs: Array, given: Sense | None, columns: Sequence[int]

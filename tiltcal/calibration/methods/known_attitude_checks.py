@@ -50,11 +50,13 @@ def is_plausible(M: Array) -> bool:
 def causes(poses: Poses, model: Model, fit: Fit, recording: Recording) -> list[Explanation]:
     """Every single cause that was tried: attitudes and columns, and those that all methods try.
 
-    Attitudes and columns that leave an implausible sensitivity are left out.
+    Attitudes and columns that leave an implausible sensitivity of a triad are left out.
     """
-    tried = [*_attitudes(poses, model), *_columns(poses, model)]
-    sensor = poses.sensor.name
-    found = [e for e, part in tried if is_plausible(fitted_sensitivity(part, sensor))]
+    tried, sensor = list(_attitudes(poses, model)), poses.sensor
+    if len(sensor.axes) == 3:
+        tried += _columns(poses, model)
+        tried = [t for t in tried if is_plausible(fitted_sensitivity(t[1], sensor.name))]
+    found = [e for e, _ in tried]
     return [*found, *misfit_of_poses(poses, model, fit, recording).explanations()]
 
 
@@ -137,15 +139,16 @@ def known_attitude_tests(poses: Poses, model: Model, fit: Fit, recording: Record
     tests = [chi2_test("fit", fit.chi2, fit.dof, words), *_second_order(poses, model, fit)]
     if DRIFT not in model.terms:
         tests.append(slope_test(poses))
-    if len(poses.sensor.axes) < 3:
-        return tests
-    M = fitted_sensitivity(fit, poses.sensor.name)
-    linear = {"scale", "cross_axis"} <= set(model.terms) and not fit.dropped
+    triad = len(poses.sensor.axes) == 3
+    linear = triad and {"scale", "cross_axis"} <= set(model.terms) and not fit.dropped
+    plausible = True
     if linear:
+        M = fitted_sensitivity(fit, poses.sensor.name)
+        plausible = is_plausible(M)
         tests += [unit_test(poses.sensor, np.diag(M), unit), _order_test(M)]
-    if not tests[0].passed or (linear and not is_plausible(M)):
+    if not tests[0].passed or not plausible:
         tests.append(cause_test(causes(poses, model, fit, recording), recording.source))
-    return [*tests, _faces_complete(poses)]
+    return [*tests, _faces_complete(poses)] if triad else tests
 
 
 def _order_test(M: Array) -> Test:

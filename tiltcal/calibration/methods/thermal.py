@@ -27,7 +27,7 @@ from tiltcal.calibration.methods.thermal_model import (
 )
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.calibration.screen.causes import cause_test
-from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.channels import channel_tests, frozen_stretch
 from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import Test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array
@@ -114,7 +114,7 @@ def thermal(
     for part, fit in zip(parts, fits, strict=True):
         tests.append(fit.test())
         if not tests[-1].passed:
-            tests.append(part.cause(fit, setup, recording.source))
+            tests.append(part.cause(fit, setup, recording))
     warnings += [note for p in parts for note in p.notes()]
     result = _calibration(recording, parts, shared, tests, warnings, stretches)
     dof = sum(fit.dof for fit in fits)
@@ -169,11 +169,21 @@ class SensorFit:
         found = estimate(self.choice, self.blocks)
         return found.residuals, len(found.keep)
 
-    def cause(self, fit: BlockFit, setup: Setup, source: str) -> Test:
-        """The cause of a misfit. fit: how well the blocks were fitted; source: of the recording."""
+    def cause(self, fit: BlockFit, setup: Setup, recording: Recording) -> Test:
+        """The cause of a misfit. fit: how well the blocks were fitted."""
+        name = f"cause of {self.sensor.name}"
+        # of a thermometer only then: a constant soak is no fault
+        stuck = frozen_stretch(temperature_of(recording))
+        if stuck is not None:
+            start, end = recording.time[[stuck[0], stuck[1] - 1]]
+            words = (
+                f"the temperature repeats one value from {start:.6g} to {end:.6g} s while it varies"
+                " elsewhere: frozen"
+            )
+            return threshold_test(name, 1, False, words)
         left, X = self.left()[0], self.choice.design.X
         misfit = misfit_of_blocks(self.sensor, setup, self.blocks, fit, left, X)
-        return cause_test(misfit.explanations(), source, f"cause of {self.sensor.name}")
+        return cause_test(misfit.explanations(), recording.source, name)
 
     def heldout_test(self) -> Test:
         """Do blocks that were left out fit as those that were not?"""

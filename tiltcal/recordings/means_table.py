@@ -4,7 +4,7 @@ that were repeated.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from tiltcal.recordings.samples import Labels
 from tiltcal.setup.sensor import Sensor
 
 SIGMA = "sigma"
+DWELL_ROWS = 6  # of the shortest dwell of a log: the narrowest window that finds one
 LEAST_REPEATS = 3  # degrees of freedom of a scatter: fewer leave its size unknown by half
 ANGLE_PLACES = 3  # of an angle in the column's unit: a dial is set again to the same
 SPACING = 1.0  # s between the stamps that rows are given: only their order is known
@@ -86,8 +87,8 @@ class MeansTable(Recording):
 
 
 def read_log_or_means(path: Path | str) -> Recording:
-    """A recording, or a table of means: a CSV file without time_s but with labels, angles or
-    columns of standard deviations; or one in which every row has another label than the one before.
+    """A recording, or a table of means: a CSV file without time_s but with columns of standard
+    deviations, or one in which every row has a label and no label is repeated as in a dwell.
 
     Raises:
         TiltcalError: it is neither.
@@ -100,7 +101,7 @@ def read_log_or_means(path: Path | str) -> Recording:
         return read_recording(path)
     columns, metadata = read_csv(path)
     sigmas = {name for name in columns if _is_sigma(name)}
-    if not (_is_a_row_a_pose(columns) if "time_s" in columns else sigmas or _has_poses(columns)):
+    if not (_is_a_row_a_pose(columns) or ("time_s" not in columns and sigmas)):
         return assemble(columns, metadata, path.name)
     rows = len(next(iter(columns.values())))
     stamps: dict[str, Array | Labels] = {"time_s": SPACING * np.arange(rows, dtype=float)}
@@ -117,19 +118,16 @@ def read_log_or_means(path: Path | str) -> Recording:
     )
 
 
-def _has_poses(columns: Mapping[str, Array | Labels]) -> bool:
-    return "label" in columns or any(n.startswith("table_") for n in columns)
-
-
 def _is_a_row_a_pose(columns: Mapping[str, Array | Labels]) -> bool:
-    """Whether every row has a label, and another one than the row before: no log, whose dwells and
-    moves have rows enough to be found.
+    """Whether every row has a label and none is followed by as many of the same as a dwell has: no
+    log, whose dwells and moves have rows enough to be found.
     """
     labels = columns.get("label")
     if labels is None or labels.dtype != object or len(labels) < 2:
         return False
     words = [str(w).strip() if w is not None else "" for w in labels]
-    return all(words) and all(a != b for a, b in pairwise(words))
+    longest = max(len(list(same)) for _, same in groupby(words))
+    return all(words) and longest < DWELL_ROWS
 
 
 def _is_sigma(name: str) -> bool:

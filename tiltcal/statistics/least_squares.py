@@ -64,6 +64,12 @@ class CommonErrors:
         part = Q.T @ rows
         return np.asarray(rows + Q @ (factor * part.T).T)
 
+    def unweighted(self, rows: Array) -> Array:
+        """``C^1/2`` times some weighted observations: what they were before, (n,) or (n, p)."""
+        Q, factor = self._root
+        part = Q.T @ rows
+        return np.asarray(rows + Q @ ((1 / (1 + factor) - 1) * part.T).T)
+
     def times(self, matrix: Array) -> "CommonErrors":
         """Of linear combinations of the observations. matrix: (m, n)."""
         return replace(self, columns=matrix @ self.columns)

@@ -187,7 +187,7 @@ class Blocks:
                 )
                 for words, courses in lacking.items()
             },
-        ).weighted(self._common(used))
+        ).sharing(self._common(used))
 
     def _delayed(self) -> Array:
         """Errors of readings that lag or lead the readout by up to a block, (c, 1, n, k)."""

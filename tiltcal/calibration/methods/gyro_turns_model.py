@@ -450,7 +450,7 @@ def misfit_of_turns(
         respond,
         lacking_terms(gyro, sense),
         cuts=np.flatnonzero(np.diff(part)) + 1,
-    ).weighted(common)
+    ).sharing(common)
 
 
 def _part_words(rests: Poses) -> list[str]:

@@ -71,7 +71,7 @@ def misfit_of_poses(poses: Poses, model: Model, fit: Fit, recording: Recording) 
         fit.residuals,
         design_of(poses, model)[2],
         lambda errors: np.einsum("mij,qmj->miq", whiten, errors).reshape(-1, len(errors)),
-    ).weighted(poses.references.whitened(whiten))
+    ).sharing(poses.references.whitened(whiten))
 
 
 def _attitudes(poses: Poses, model: Model) -> Iterator[tuple[Explanation, Fit]]:

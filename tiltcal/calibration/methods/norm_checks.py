@@ -246,7 +246,7 @@ def misfit_of_norm(poses: Poses, fit: Fit, g: float, terms: int, recording: Reco
         slopes_of_norm(f, v, terms) / sigma[:, None],
         lambda errors: np.einsum("mi,qmi->mq", v / sigma[:, None], errors),
         refit,
-    ).weighted(common)
+    ).sharing(common)
 
 
 def without_slope(poses: Poses, fit: Fit, start: float, length: float) -> Poses:

@@ -90,20 +90,28 @@ class Misfit:
     cuts: Index | None = None
     refit: "Callable[[Array, Mask], Misfit] | None" = None
 
-    def weighted(self, common: CommonErrors) -> "Misfit":
-        """With errors that the residuals share in their covariance; the residuals are so
-        already.
+    def sharing(self, common: CommonErrors) -> "Misfit":
+        """With errors that the residuals share, as further parameters of which a prior is known:
+        one more residual each, so that those of some readings can be left out. The residuals were
+        weighted by their covariance.
         """
+        shared = common.columns[:, common.fitted]
+        count = shared.shape[1]
+        none = np.zeros((count, self.design.shape[1]))
         return replace(
             self,
-            design=common.weight(self.design),
-            respond=lambda errors: common.weight(self.respond(errors)),
+            residuals=np.append(common.unweighted(self.residuals), np.zeros(count)),
+            design=np.block([[self.design, shared], [none, np.eye(count)]]),
+            respond=lambda errors: np.vstack(
+                [self.respond(errors), np.zeros((count, len(errors)))]
+            ),
         )
 
     @property
     def chi2(self) -> float:
-        """Of the residuals, in units of what slow noise allows."""
-        return float(self.residuals @ self.residuals) / self.allowed
+        """Of what no parameter takes up of the residuals, in units of what slow noise allows."""
+        left = _rest(self.residuals, _basis(self.design))
+        return float(left @ left) / self.allowed
 
     def explanations(self) -> list[Explanation]:
         """Every single cause that was tried, and what it leaves."""
@@ -147,7 +155,7 @@ class Misfit:
         """A term beside the parameters; nothing where these hold it already."""
         gain, rank = _gains(self.residuals, basis, self.respond(term.of(self)))
         if rank:
-            left = self.residuals - basis @ (basis.T @ self.residuals)
+            left = _rest(self.residuals, basis)
             chi2, rank = float(left @ left) - gain, basis.shape[1] + rank
             found = self._explanation(term.words, chi2, rank, term.tried)
             yield Trial(found, np.ones(len(self.time), bool), term)
@@ -157,15 +165,13 @@ class Misfit:
         bias of its own.
         """
         for k, words in enumerate(self.parts):
-            kept = self.part != k
+            kept, stated = self.part != k, f"{words} does not fit the others"
             out = np.tile(~kept[:, None], len(self.channels))
             chi2, rank, lost = self._without(out, basis)
-            stated = f"{words} does not fit the others"
             yield Trial(self._explanation(stated, chi2, rank + lost, len(self.parts)), kept)
             if np.sum(~kept) > 1:
                 stated = f"{words} is off by a constant: another bias, attitude or rate than stated"
-                term = Term(stated, partial(_own_bias, k), len(self.parts))
-                yield from self._with(term, basis)
+                yield from self._with(Term(stated, partial(_own_bias, k), len(self.parts)), basis)
 
     def _limiters(self, basis: Array) -> "Iterator[Trial]":
         """The readings at an end of a range, or at both, show nothing but a limit."""
@@ -299,13 +305,18 @@ def _basis(design: Array) -> Array:
     return np.asarray(u[:, s > SINGULAR * max(float(s.max(initial=0.0)), 1e-300)])
 
 
+def _rest(columns: Array, basis: Array) -> Array:
+    """What lies outside of a space, (n,) or (n, q). basis: of it, orthonormal, (n, rank)."""
+    return np.asarray(columns - basis @ (basis.T @ columns))
+
+
 def _new_to(basis: Array, columns: Array) -> tuple[Array, Array]:
     """What further columns, (n, q), add to the space of a fit: orthonormal, (n, rank), and the
     combinations of the columns that do, (rank, q).
     """
     size = np.linalg.norm(columns, axis=0)
     scaled = columns / np.where(size > 0, size, 1.0)
-    u, s, vt = np.linalg.svd(scaled - basis @ (basis.T @ scaled), full_matrices=False)
+    u, s, vt = np.linalg.svd(_rest(scaled, basis), full_matrices=False)
     new = s > np.sqrt(SINGULAR)
     return u[:, new], vt[new] / np.where(size > 0, size, np.inf)
 

@@ -20,7 +20,7 @@ def test_every_key_has_a_meaning(file):
 
 
 def test_the_page_is_as_the_models_say():
-    """In a process of its own: other tests add tables and axes to those that a scenario may name."""
+    """In a process of its own: other tests add tables to those that a scenario may name."""
     words = [sys.executable, "-m", "tests.keys_page"]
     done = subprocess.run(words, cwd=PAGE.parents[1], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -183,13 +183,13 @@ def test_a_process_that_is_killed_from_outside_costs_nothing(whole):
 
 def test_poison_is_a_recorded_result_and_can_be_tried_again(here):
     write(here, 4, "ends = 6, hangs = 7, eats = 8", values="0")
-    limits = ("-o", "out", "-j", "2", "--time-limit", "3", "--memory-limit", "700")
+    limits = ("-o", "out", "-j", "2", "--time-limit", "8", "--memory-limit", "700")
     said = run(*limits)
     table = pq.read_table("out/results.parquet")
     assert table.column("verdict").to_pylist() == ["good", "error", "error", "error"]
     reasons = [
         "its process ended by signal SIGKILL",
-        "it took more than 3 s",
+        "it took more than 8 s",
         "it took more than 700 MiB",
     ]
     assert table.column("error").to_pylist() == [None, *reasons]

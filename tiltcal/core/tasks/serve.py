@@ -52,9 +52,9 @@ def _made(limits: Limits, call: bytes) -> Outcome:
         resource.RLIMIT_DATA,
         (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most),
     )
-    signal.setitimer(signal.ITIMER_REAL, limits.seconds)
     try:
-        function, arguments = pickle.loads(call)
+        function, arguments = pickle.loads(call)  # imports, which are no time of the task's
+        signal.setitimer(signal.ITIMER_REAL, limits.seconds)
         found = Outcome(function(*arguments))
         pickle.dumps(found)
     except MemoryError:

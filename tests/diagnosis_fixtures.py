@@ -4,8 +4,8 @@ left out, in memory.
 
 import numpy as np
 
-from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.fault import Fault
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording

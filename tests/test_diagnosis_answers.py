@@ -16,8 +16,8 @@ from tiltcal.diagnosis.conclusions.law_plots import laws_of
 from tiltcal.diagnosis.conclusions.other_findings import finding_of
 from tiltcal.diagnosis.conclusions.resimulation import Resimulation
 from tiltcal.diagnosis.conclusions.whole_law import _as_left
-from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.fault import Fault
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.finding_tests import NoiseSource

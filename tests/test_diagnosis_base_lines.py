@@ -4,7 +4,7 @@ import numpy as np
 from diagnosis_fixtures import honest, rewritten
 from test_diagnosis_stamps import moving
 
-from tiltcal.diagnosis.data_quality.prepare import averaged_blocks, prepare
+from tiltcal.diagnosis.data_faults.prepare import averaged_blocks, prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.lines.spectral_lines import base_tilts_of, tones_of
 

@@ -8,7 +8,7 @@ from diagnosis_fixtures import bench, honest, recorded, shorter, turns
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.diagnosis.conclusions.statements import harmonic_of
-from tiltcal.diagnosis.data_quality.heading import with_heading
+from tiltcal.diagnosis.data_faults.heading import with_heading
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
 from tiltcal.effects.learned import LearnedReading

@@ -7,7 +7,7 @@ import pytest
 from diagnosis_fixtures import bench, honest, recorded, tumble
 
 from tiltcal.diagnosis.conclusions.one_recording import mean_and_deviations
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.hypotheses.priors import EXPECTED_CAUSES, UNLISTED, log_priors
 from tiltcal.diagnosis.model.finding_tests import NoiseSource

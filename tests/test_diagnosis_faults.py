@@ -16,15 +16,15 @@ from diagnosis_fixtures import (
 from statistics_helpers import rng_of
 
 from tiltcal.core.errors import TiltcalError
+from tiltcal.data_quality.log import repeat_chance
 from tiltcal.diagnosis.conclusions.finding import verdict_of
 from tiltcal.diagnosis.conclusions.statements import implausible
-from tiltcal.diagnosis.data.channels import repeat_chance
 from tiltcal.diagnosis.data.observations import Channel
-from tiltcal.diagnosis.data_quality.inspection import LeftOut, by_recording, inspect
-from tiltcal.diagnosis.data_quality.lost_samples import lost_as_another
-from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.data_quality.readout_jumps import jump_of
-from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_faults
+from tiltcal.diagnosis.data_faults.inspection import LeftOut, by_recording, inspect
+from tiltcal.diagnosis.data_faults.lost_samples import lost_as_another
+from tiltcal.diagnosis.data_faults.prepare import prepare
+from tiltcal.diagnosis.data_faults.readout_jumps import jump_of
+from tiltcal.diagnosis.data_faults.units_signs_axes import find_labelling_faults
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of
 from tiltcal.effects.spans import SpectralLines

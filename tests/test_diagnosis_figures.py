@@ -15,7 +15,7 @@ from tiltcal.diagnosis.conclusions.fit_figures import under_fixed_white, white_l
 from tiltcal.diagnosis.conclusions.noise_figures import noise_dependences
 from tiltcal.diagnosis.conclusions.other_findings import nameless_doubts, nameless_findings
 from tiltcal.diagnosis.conclusions.statements import doubted
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation, slow_variations

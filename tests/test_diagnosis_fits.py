@@ -9,9 +9,9 @@ import pytest
 from builders import FOG, GYRO
 from diagnosis_fixtures import bench, honest, recorded, rewritten
 
-from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.data_quality.quantisation_limit import drop_below_code
-from tiltcal.diagnosis.data_quality.setting_errors import lawful_part
+from tiltcal.diagnosis.data_faults.prepare import prepare
+from tiltcal.diagnosis.data_faults.quantisation_limit import drop_below_code
+from tiltcal.diagnosis.data_faults.setting_errors import lawful_part
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, step_hypotheses
 from tiltcal.diagnosis.hypotheses.instants import Instant

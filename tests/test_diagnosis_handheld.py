@@ -22,8 +22,8 @@ from tiltcal.diagnosis.data.handheld_recording import (
     undisturbed,
 )
 from tiltcal.diagnosis.data.observe import observe
-from tiltcal.diagnosis.data_quality.outliers import off_neighbours
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.outliers import off_neighbours
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.curves import lags_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis

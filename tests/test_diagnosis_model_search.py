@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded, rewritten, tumble
 
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from tiltcal.core.units import G0
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED_SHARE, log_priors

@@ -7,7 +7,7 @@ import pytest
 from diagnosis_fixtures import rewritten
 from test_hand_motion import scenario, turned
 
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.lines.spectral_lines import scales_of
 

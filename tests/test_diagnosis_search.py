@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded, rewritten, shorter
 
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves

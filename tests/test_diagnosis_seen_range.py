@@ -9,7 +9,7 @@ from diagnosis_fixtures import bench, honest, recorded
 
 from tiltcal.diagnosis.conclusions.concluding import _beyond_seen
 from tiltcal.diagnosis.conclusions.seen_range import seen_range
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import over_felt, range_felt_late, ranges_of
 from tiltcal.diagnosis.hypotheses.motion_curves import motion_of_readings
 from tiltcal.effects.hysteresis_and_lag import first_order_lag

@@ -9,7 +9,7 @@ import pytest
 from diagnosis_fixtures import bench, honest, recorded
 from statistics_helpers import rng_of
 
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary

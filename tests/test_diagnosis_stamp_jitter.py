@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from diagnosis_fixtures import honest, rewritten
 
-from tiltcal.diagnosis.data_quality.outliers import off_neighbours
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.outliers import off_neighbours
+from tiltcal.diagnosis.data_faults.prepare import prepare
 
 JITTER = 5e-3  # s
 COLUMNS = [f"accel_{a}_m_s2" for a in "xyz"]

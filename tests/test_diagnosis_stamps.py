@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded, rewritten
 
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.lines.spectral_lines import late_of
 from tiltcal.laboratory.scenario import parse_scenario

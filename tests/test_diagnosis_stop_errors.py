@@ -11,9 +11,9 @@ from scipy.special import logsumexp
 from scipy.stats import binom, norm
 from statistics_helpers import FALSE_ALARM, mean_band
 
-from tiltcal.diagnosis.data_quality.outliers import off_neighbours
-from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.data_quality.setting_errors import (
+from tiltcal.diagnosis.data_faults.outliers import off_neighbours
+from tiltcal.diagnosis.data_faults.prepare import prepare
+from tiltcal.diagnosis.data_faults.setting_errors import (
     Rotations,
     beside_stops,
     find_setting_error,

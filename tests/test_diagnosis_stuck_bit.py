@@ -7,8 +7,9 @@ import pytest
 from diagnosis_fixtures import BY_HAND, bench, faults_of, honest, recorded, rewritten
 from statistics_helpers import rng_of
 
-from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.data_quality.stuck_bit import stuck_bit, was_set
+from tiltcal.data_quality.bits import stuck_bit
+from tiltcal.diagnosis.data_faults.prepare import prepare
+from tiltcal.diagnosis.data_faults.restored_bits import was_set
 from tiltcal.recordings.recording import Recording
 
 LSB = 5e-4  # m/s2

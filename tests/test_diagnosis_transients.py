@@ -9,7 +9,7 @@ import pytest
 from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.fft import dct
 
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import step_hypotheses

@@ -43,7 +43,7 @@ for some in ((), *[(e,) for e in effects], effects):
 
 ADJUSTED = """
 from tiltcal.core.units import ARCSEC
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
 found = prepare(load_scenario("free.toml"), [read_recording("run.csv")]).start.nuisance

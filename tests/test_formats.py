@@ -406,12 +406,12 @@ def imported_with(tmp_path, *repairs):
 
 def test_faults_are_found_with_their_places(tmp_path):
     imported = imported_with(tmp_path)
-    found = {(f.kind, f.column): (f.count, f.rows[0]) for f in imported.findings}
+    found = {(f.kind, f.column): (f.count, f.rows[0] + 1) for f in imported.findings}
     assert found == {
         ("time_back", "time_s"): (1, 301),
         ("time_repeated", "time_s"): (1, 201),
         ("gap", "time_s"): (2, 101),
-        ("frozen", "accel_x_m_s2"): (40, 51),
+        ("frozen", "accel_x_m_s2"): (39, 52),
         ("dead", "accel_y_m_s2"): (N, 1),
         ("missing", "accel_z_m_s2"): (10, 121),
         ("clipped", "accel_z_m_s2"): (10, 351),
@@ -438,7 +438,7 @@ def test_repairs_are_made_on_request_and_stand_in_the_metadata(tmp_path):
     wanted = ("sort_time", "drop_repeated_time", "unwrap_angles", "empty_frozen", "empty_clipped")
     imported = imported_with(tmp_path, *wanted)
     recording = imported.recording.require_increasing()
-    assert np.isnan(recording.column("accel_x_m_s2")).sum() == 40
+    assert np.isnan(recording.column("accel_x_m_s2")).sum() == 39
     assert np.isnan(recording.column("accel_z_m_s2")).sum() == 20
     said = recording.metadata["repairs"]
     assert all(f"{name}: " in said for name in wanted)
@@ -513,7 +513,7 @@ def test_lines_and_cells_that_are_spoilt_are_named_and_dropped_on_request(tmp_pa
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n6.0,1,0.")
     text = propose_mapping(tmp_path / "a.csv").toml()
     assert "# found: lines with another number of cells, left out: 2" in text
-    assert "# found: ax: 1 cells are no numbers, first in data row 29" in text
+    assert "# found: ax: cells that are no numbers, once, in data row 29" in text
     assert "# found: the last line is cut off and left out: '6.0,1,0.'" in text
     (tmp_path / "m.toml").write_text(text.replace("_?", "_m_s2"))
     words = ["import", str(tmp_path / "a.csv"), "--map", str(tmp_path / "m.toml")]

@@ -7,9 +7,9 @@ from tiltcal.core.units import DEG
 from tiltcal.diagnosis import diagnose as diagnosing
 from tiltcal.diagnosis.data.block_grid import BlockGrid
 from tiltcal.diagnosis.data.observe import observe
-from tiltcal.diagnosis.data_quality import long_recordings
-from tiltcal.diagnosis.data_quality.long_recordings import LongRecording, read_long
-from tiltcal.diagnosis.data_quality.prepare import static_noise
+from tiltcal.diagnosis.data_faults import long_recordings
+from tiltcal.diagnosis.data_faults.long_recordings import LongRecording, read_long
+from tiltcal.diagnosis.data_faults.prepare import static_noise
 from tiltcal.diagnosis.diagnose import diagnose, read_for_diagnosis, read_static
 from tiltcal.diagnosis.hypotheses import block_averaging
 from tiltcal.laboratory.laboratory import SimulatedLaboratory

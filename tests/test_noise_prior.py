@@ -7,7 +7,7 @@ import pytest
 from diagnosis_fixtures import bench, honest, recorded
 from statistics_helpers import rng_of
 
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.model.channel_noise import noise_under
 from tiltcal.diagnosis.model.noise_prior import (

@@ -17,7 +17,7 @@ import numpy as np
 
 from tiltcal.api.diagnosing import write_results
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data_quality.prepare import PreparedData
+from tiltcal.diagnosis.data_faults.prepare import PreparedData
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.model.finding_tests import NoiseSource

@@ -23,7 +23,7 @@ def columns() -> dict[str, float]:
     import resource
 
     from tests.model_rig import scenario_text
-    from tiltcal.diagnosis.data_quality.prepare import prepare
+    from tiltcal.diagnosis.data_faults.prepare import prepare
     from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
     from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses
     from tiltcal.effects.spans import SpectralLines

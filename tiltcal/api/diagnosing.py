@@ -10,7 +10,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, write_json, write_text
 from tiltcal.core.progress import Progress, silent
 from tiltcal.diagnosis.conclusions import finding
-from tiltcal.diagnosis.data_quality.long_recordings import LongRecording
+from tiltcal.diagnosis.data_faults.long_recordings import LongRecording
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.recordings.recording import Recording, stem

@@ -1,7 +1,6 @@
 """``tiltcal import``."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,10 +11,10 @@ from tiltcal.cli.options import SEVERAL, Json
 from tiltcal.cli.output import print_json, print_line, print_note, require_output
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
+from tiltcal.data_quality.check import Finding
 from tiltcal.recordings.foreign_files import Imported, import_file
 from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.mcap_writer import write_mcap
-from tiltcal.recordings.import_checks import Finding
 from tiltcal.recordings.mapping import REPAIRS, Mapping, load_mapping
 from tiltcal.recordings.saving import write_recording
 
@@ -140,7 +139,7 @@ def _propose(file: Path, budget: ReadBudget, output: Path | None, as_json: bool)
             {
                 "mapping": text,
                 "cannot_know": proposal.doubts,
-                "findings": [asdict(f) for f in proposal.findings],
+                "findings": [f.as_json() for f in proposal.findings],
             }
         )
     elif output is None:
@@ -159,7 +158,7 @@ def _summary(imported: Imported, output: Path) -> dict[str, Any]:
         "rows": len(recording),
         "columns": recording.column_names,
         "steps_back_in_time": int(np.sum(np.diff(recording.time) <= 0)),
-        "findings": [asdict(f) for f in imported.findings],
+        "findings": [f.as_json() for f in imported.findings],
         "repairs": list(imported.repairs),
     }
 

@@ -5,6 +5,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 
 LEAST = 16  # different steps that determine a grid
+SMOOTH = 0.1  # of the steps: a computed course goes on by the same, a rounded one alternates
 
 
 def lsb_width(column: Array) -> float:
@@ -38,5 +39,8 @@ def lsb_grid(column: Array) -> float | None:
     off = np.abs(steps / width - np.rint(steps / width))
     if float(off.max()) >= 0.03:  # without a grid it is up to a half
         return None
-    computed = len(np.unique(steps)) < LEAST and len(np.unique(column)) > 2 * LEAST
-    return None if computed else width  # a computed course repeats its few steps
+    few = len(np.unique(np.rint(steps / width))) < LEAST < len(np.unique(column)) / 2
+    every = np.diff(column)
+    bends = np.abs(np.diff(every))[every[:-1] != 0] > width / 2
+    computed = few and float(np.mean(bends)) < SMOOTH
+    return None if computed else width

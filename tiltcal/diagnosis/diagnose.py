@@ -10,20 +10,20 @@ from tiltcal.core.numerical import determining, one_thread
 from tiltcal.core.progress import Progress, Stages, silent
 from tiltcal.diagnosis.conclusions.answering import answered, simulated, testable, untested
 from tiltcal.diagnosis.conclusions.finding import Diagnosis
-from tiltcal.diagnosis.data_quality.heading import with_heading
-from tiltcal.diagnosis.data_quality.long_recordings import (
+from tiltcal.diagnosis.data_faults.heading import with_heading
+from tiltcal.diagnosis.data_faults.long_recordings import (
     AVERAGES,
     LongRecording,
     read_beginning,
     read_long,
 )
-from tiltcal.diagnosis.data_quality.prepare import (
+from tiltcal.diagnosis.data_faults.prepare import (
     PreparedData,
     averaged_blocks,
     prepare,
     static_noise,
 )
-from tiltcal.diagnosis.data_quality.requirements import require_diagnosable
+from tiltcal.diagnosis.data_faults.requirements import require_diagnosable
 from tiltcal.diagnosis.hypotheses.block_averaging import block_of, survives
 from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.search.dictionary import build_dictionary

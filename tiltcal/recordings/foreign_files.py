@@ -9,15 +9,17 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS
+from tiltcal.data_quality.check import Finding
+from tiltcal.data_quality.log import Log
+from tiltcal.data_quality.registry import inspect_log, repair_log
+from tiltcal.recordings.formats.bad_lines import find_bad_lines
 from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.cells import iso_stamps, numbers_in
 from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable
 from tiltcal.recordings.formats.registry import read_raw
 from tiltcal.recordings.formats.text import bad_cell
-from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
 from tiltcal.recordings.mapping import ColumnMapping, Mapping, TimeSource
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.repairs import repair
 from tiltcal.recordings.samples import Labels
 
 _FINE = 1e-8  # s; stamps so large that they resolve less are counted from the first second
@@ -80,11 +82,10 @@ def import_file(path: Path | str, mapping: Mapping, budget: ReadBudget | None = 
     repaired: list[_Part] = []
     repairs: list[str] = []
     for part in parts:
-        findings += find_faults(part.time, part.columns)
-        time, columns, labels, done = repair(
-            part.time, part.columns, part.labels, mapping.repair, mapping.time.period
-        )
-        repaired.append(_Part(time, part.zero, columns, labels))
+        log = Log.of(part.time, part.columns, labels=part.labels, period=mapping.time.period)
+        findings += inspect_log(log).findings
+        log, done = repair_log(log, mapping.repair)
+        repaired.append(_Part(log.time, part.zero, log.columns, log.labels))
         repairs += [*part.repairs, *done]
     metadata = {"imported from": path.name} | mapping.metadata
     repairs += [f"ragged_lines: {f.count} left out" for f in findings if f.kind == "ragged_lines"]

@@ -2,27 +2,25 @@
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
 
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.data_quality import registry
 from tiltcal.setup.part import StrictTable
 
-Repair = Literal[
-    "sort_time",
-    "drop_repeated_time",
-    "unwrap_time",
-    "unwrap_angles",
-    "empty_frozen",
-    "empty_clipped",
-    "empty_text",
-]
-REPAIRS: tuple[str, ...] = get_args(Repair)
+REPAIRS = (*registry.REPAIRS, "empty_text")
 UNKNOWN = "?"
 """Placeholder in a proposed mapping for what the file does not state."""
+
+
+def _known_repair(name: str) -> str:
+    if name not in REPAIRS:
+        raise ValueError(f"no such repair; {nearest(name, [*REPAIRS])}")
+    return name
 
 
 class FileLayout(StrictTable):
@@ -96,7 +94,7 @@ class Mapping(StrictTable):
     file: FileLayout = FileLayout()
     time: TimeSource
     column: tuple[ColumnMapping, ...]
-    repair: tuple[Repair, ...] = ()
+    repair: tuple[Annotated[str, AfterValidator(_known_repair)], ...] = ()
     metadata: dict[str, str] = {}
 
     @field_validator("column")

@@ -31,7 +31,7 @@ from tiltcal.diagnosis.conclusions.statements import (
     untold,
 )
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data_quality.prepare import PreparedData
+from tiltcal.diagnosis.data_faults.prepare import PreparedData
 from tiltcal.diagnosis.model.channel_noise import shift_bias_to_start
 from tiltcal.diagnosis.model.cross_validation import heldout_residuals
 from tiltcal.diagnosis.model.finding_tests import NoiseSource

@@ -31,7 +31,7 @@ from tiltcal.diagnosis.conclusions.statements import (
 )
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw, whole_law
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.model.finding_tests import remove_finding
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm

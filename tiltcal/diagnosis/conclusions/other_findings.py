@@ -11,8 +11,8 @@ from typing import TypeVar
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
 from tiltcal.diagnosis.conclusions.parts import part_of
 from tiltcal.diagnosis.conclusions.statements import step_for_one
-from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.inspection import LeftOut, by_recording
+from tiltcal.diagnosis.data_faults.fault import Fault
+from tiltcal.diagnosis.data_faults.inspection import LeftOut, by_recording
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.residual_checks.oscillations import MovingTone, NarrowBand
 from tiltcal.diagnosis.residual_checks.random_motion import RandomMotion

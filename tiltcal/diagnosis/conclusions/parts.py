@@ -15,7 +15,7 @@ from tiltcal.diagnosis.conclusions.one_recording import place_of
 from tiltcal.diagnosis.conclusions.statements import learned_name, shown, stage_of
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.effects import CATALOGUE, Effect, to_file
 from tiltcal.effects.learned import Learned

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index, Mask
-from tiltcal.core.quantisation import lsb_width
+from tiltcal.core.arrays import Array, Index
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import ColumnFault
@@ -13,7 +12,6 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import axis_of
-from tiltcal.statistics.dwell_noise import second_difference_noise
 
 
 def column_values(recording: Recording, sensor: Sensor, axis: str) -> tuple[Index, Array, Array]:
@@ -97,32 +95,6 @@ def without_readout(recording: Recording, rows: Index) -> Recording:
     return rewritten(recording, columns)
 
 
-def at_least(k: int, n: int, p: float) -> float:
-    """Chance of k or more of n when each has the chance p."""
-    from scipy.special import betainc
-
-    return float(betainc(k, n - k + 1, p)) if k > 0 else 1.0
-
-
-def repeat_chance(values: Array) -> float:
-    """Chance that two independent samples of a noisy column fall on the same code. values: (n,).
-
-    From the noise, and from how often a sample is that two before, whichever is more: where the
-    table moves much of the time the noise is overestimated, and codes need not be equally wide.
-    """
-    noise = second_difference_noise(values)
-    width = lsb_width(values)
-    if width <= 0:
-        return 0.0
-    if noise < 0.4 * width:
-        return 1.0  # the code hides the noise: repeats say nothing
-    later = float(np.mean(values[2:] == values[:-2]))
-    return float(min(max(width / (2 * noise * np.sqrt(np.pi)), later), 1.0))
-
-
-CHANCE = 1e-6  # of a fault in a sound recording
-
-
 def undo_labelling_faults(
     recording: Recording, setup: Setup, effects: Sequence[Effect]
 ) -> Recording:
@@ -154,12 +126,3 @@ def meant_matrix(effect: Effect, sensor: Sensor) -> Array:
     return (
         effect.matrix(sensor.axes) if isinstance(effect, ColumnFault) else np.eye(len(sensor.axes))
     )
-
-
-FLAT = 0.3  # chance of a repeat above which a coarse code is flat everywhere
-
-
-def runs_of(same: Mask) -> tuple[Index, Index]:
-    """First and last index (exclusive) of runs of true in a mask, (m,) each."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-    return edges[::2], edges[1::2]

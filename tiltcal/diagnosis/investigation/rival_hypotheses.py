@@ -13,7 +13,7 @@ from typing import Any
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.data.observe import observe
-from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.hypotheses.block_averaging import block_of
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves

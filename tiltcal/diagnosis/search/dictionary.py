@@ -10,7 +10,7 @@ import numpy as np
 
 from tiltcal.core.progress import Part, unmeasured
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
+from tiltcal.diagnosis.data_faults.quantisation_limit import needs_motion
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curve_forms import steps_beside
 from tiltcal.diagnosis.hypotheses.curves import curves, periodic_curves, read_sensors

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import DEG
-from tiltcal.diagnosis.data_quality.setting_errors import (
+from tiltcal.diagnosis.data_faults.setting_errors import (
     Rotations,
     SettingError,
     Stop,

@@ -5,10 +5,10 @@ may be, and what the noise that is left holds.
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.prepare import PreparedData
-from tiltcal.diagnosis.data_quality.quantisation_limit import drop_below_code
-from tiltcal.diagnosis.data_quality.setting_errors import (
+from tiltcal.diagnosis.data_faults.fault import Fault
+from tiltcal.diagnosis.data_faults.prepare import PreparedData
+from tiltcal.diagnosis.data_faults.quantisation_limit import drop_below_code
+from tiltcal.diagnosis.data_faults.setting_errors import (
     beside_stops,
     find_setting_error,
     lawful_part,

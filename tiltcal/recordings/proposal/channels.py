@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.data_quality.check import Finding, in_rows
 from tiltcal.recordings.formats.cells import numbers_in
 from tiltcal.recordings.formats.raw_table import Raw, RawFile
 from tiltcal.recordings.formats.unit_words import bare_name, stated_unit, unit_of
-from tiltcal.recordings.import_checks import Finding
 
 _ROLES = (
     ("free", r"free_?acc|lin_?acc(?!el)|gravity_?free|user_?acc"),
@@ -169,7 +169,5 @@ def _mended(raw: Raw, name: str, decimal: str) -> tuple[Raw, list[Finding]]:
     values, bad = numbers_in(raw, decimal)
     if np.isfinite(values).sum() <= _MOSTLY * max(len(raw) - sum(t is None for t in raw), 1):
         return raw, []
-    rows = tuple(int(k) + 1 for k in bad[:3])
-    row_list = ", ".join(map(str, rows)) + (", ..." if len(bad) > len(rows) else "")
-    text = f"{name}: {len(bad)} cells are no numbers, first in data row {row_list}"
-    return values, [Finding("text", name, len(bad), rows, text, "empty_text")]
+    text = f"{name}: cells that are no numbers, {in_rows(bad)}"
+    return values, [Finding("text", (name,), bad, text, repair="empty_text")] if len(bad) else []

@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
+from tiltcal.data_quality.check import Finding
+from tiltcal.data_quality.log import Log
+from tiltcal.data_quality.registry import inspect_log
+from tiltcal.recordings.formats.bad_lines import find_bad_lines
 from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.dialect import Dialect
 from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.formats.registry import TEXT, format_of
 from tiltcal.recordings.formats.text import text_dialect
-from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
 from tiltcal.recordings.mapping import FileLayout
 from tiltcal.recordings.proposal.channels import Channel, channels_of
 from tiltcal.recordings.proposal.gravity import norm_at_rest
@@ -330,7 +333,8 @@ def _findings(columns: Sequence[ColumnGuess], times: dict[str, TimeGuess]) -> li
         rows = len(inside[0].channel.raw) if inside else 0
         numeric = clock is not None and clock.numeric
         time = clock.values if clock is not None and numeric else np.arange(float(rows))
-        found += find_faults(time, {_plain(c.to): c.channel.values for c in inside})
+        values = {_plain(c.to): c.channel.values for c in inside}
+        found += inspect_log(Log.of(time, values)).findings
     return found
 
 

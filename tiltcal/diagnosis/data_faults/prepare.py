@@ -10,16 +10,16 @@ from tiltcal.core.numerical import undetermined
 from tiltcal.diagnosis.data.channels import undo_labelling_faults, written
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.data.observe import observe
-from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.inspection import Inspected, LeftOut, inspect, once
-from tiltcal.diagnosis.data_quality.lost_samples import find_lost_samples
-from tiltcal.diagnosis.data_quality.outliers import find_outliers
-from tiltcal.diagnosis.data_quality.quantisation_limit import code_floors
-from tiltcal.diagnosis.data_quality.readout_jumps import find_readout_jumps
-from tiltcal.diagnosis.data_quality.stop_errors import find_wrong_stop, stands_alone
-from tiltcal.diagnosis.data_quality.stuck_bit import with_bits
-from tiltcal.diagnosis.data_quality.timestamp_jitter import at_rest_only, find_stamp_jitter
-from tiltcal.diagnosis.data_quality.units_signs_axes import (
+from tiltcal.diagnosis.data_faults.fault import Fault
+from tiltcal.diagnosis.data_faults.inspection import Inspected, LeftOut, inspect, once
+from tiltcal.diagnosis.data_faults.lost_samples import find_lost_samples
+from tiltcal.diagnosis.data_faults.outliers import find_outliers
+from tiltcal.diagnosis.data_faults.quantisation_limit import code_floors
+from tiltcal.diagnosis.data_faults.readout_jumps import find_readout_jumps
+from tiltcal.diagnosis.data_faults.restored_bits import with_bits
+from tiltcal.diagnosis.data_faults.stop_errors import find_wrong_stop, stands_alone
+from tiltcal.diagnosis.data_faults.timestamp_jitter import at_rest_only, find_stamp_jitter
+from tiltcal.diagnosis.data_faults.units_signs_axes import (
     find_labelling_faults,
     require_labelled_alike,
 )

@@ -17,15 +17,15 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.data.channels import meant_matrix
-from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.labelling import (
+from tiltcal.diagnosis.data_faults.fault import Fault
+from tiltcal.diagnosis.data_faults.labelling import (
     FAR,
     LEAST,
     affine_fit,
     faults_of_sensor,
     misfit_of,
 )
-from tiltcal.diagnosis.data_quality.labelling_by_hand import labelling_faults_by_hand
+from tiltcal.diagnosis.data_faults.labelling_by_hand import labelling_faults_by_hand
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import (
     ColumnFault,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from tiltcal.diagnosis.data.channels import CHANCE
+from tiltcal.data_quality.log import CHANCE
 from tiltcal.effects.base import Effect
 
 

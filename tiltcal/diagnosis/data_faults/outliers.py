@@ -11,13 +11,12 @@ from tiltcal.core.quantisation import lsb_width
 from tiltcal.diagnosis.data.channels import changed
 from tiltcal.diagnosis.data.handheld_recording import known_stops
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.flat_and_repeated import noise_of
+from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.data.faults import DataOutlier
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay
-from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
+from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA, second_difference_noise
 
 GROSS = 8.0  # sigma: nearer in, a heavy tail is no fault
 ENDS = 3  # samples to either side of where a stop begins or ends
@@ -26,6 +25,7 @@ HAND_HELD_TAIL = 1.0  # the same in a hand, where no model tells a touch from no
 STRETCH = 51  # rows whose median tells the local deviation
 BRIEF = 15  # of them, within a move
 MIN_ROWS = 32  # rows that tell one at all
+TINY = 1e-15  # of a reading, in its unit: a column without noise
 ISOLATED = 0.3  # share of its distance that its neighbours may be off as well
 
 
@@ -132,5 +132,7 @@ def off_neighbours(values: Array, speed: Array | None = None) -> Array:
     )
     # a knock is quick, and still some samples wide
     alone &= mended < np.maximum(ISOLATED * off, 4 * local)
-    least = max(noise_of(values), lsb_width(values))  # of coarse codes most differences are none
+    least = max(
+        second_difference_noise(values), lsb_width(values), TINY
+    )  # of coarse codes most differences are none
     return np.asarray(np.where(alone, off / np.maximum(local, least), 0.0))

@@ -22,7 +22,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.channels import changed
 from tiltcal.diagnosis.data.observations import Columns, Observations
-from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.timing.delays import DataJitter, DataLatency
 from tiltcal.recordings.recording import Recording

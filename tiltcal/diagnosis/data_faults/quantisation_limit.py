@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, columns_of, summed
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel

@@ -13,8 +13,8 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.stop_errors import mistyped
+from tiltcal.diagnosis.data_faults.fault import Fault
+from tiltcal.diagnosis.data_faults.stop_errors import mistyped
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import active_in

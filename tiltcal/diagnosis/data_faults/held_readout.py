@@ -4,7 +4,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.quantisation import lsb_grid
-from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.effects.timing.readout_timing import ReadoutRate
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording

@@ -1,24 +1,28 @@
 """Faults that can be seen in the columns themselves, and recordings without them."""
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
-from tiltcal.diagnosis.data_quality.coarse_codes import coarse_codes, truncated_angles
-from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.flat_and_repeated import (
-    clipped_values,
-    lacking_bits,
-    repeated_samples,
-    stuck_values,
-)
-from tiltcal.diagnosis.data_quality.held_readout import held_readout
-from tiltcal.effects.electronics.converter import AdcStuckBit
+from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.data_quality.check import Finding
+from tiltcal.data_quality.log import Log
+from tiltcal.diagnosis.data.channels import rewritten
+from tiltcal.diagnosis.data_faults.fault import Fault
+from tiltcal.diagnosis.data_faults.held_readout import held_readout
+from tiltcal.diagnosis.data_faults.truncated_angles import truncated_angles
+from tiltcal.effects.base import Effect
+from tiltcal.effects.data.faults import DataDuplicate, DataStuck
+from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit, GyrQuantisation
+from tiltcal.effects.sensor.dynamics import AccSaturation, GyrSaturation
 from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.quality import inspect_recording
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.samples import si_values
+from tiltcal.setup.sensor import Sensor
 
 
 @dataclass(frozen=True)
@@ -64,8 +68,9 @@ class LeftOut:
 
 
 def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
-    """Look for faults that can be seen in the columns themselves: order of time, frozen, repeated,
-    clipped values, coarse codes.
+    """Look for faults that can be seen in the columns themselves, and repair them.
+
+    What the catalogue has an effect for is a fault; the other findings are notes.
     """
     known = {(e.id, e.sensor) for e in scenario.effects}
     faults: list[Fault] = []
@@ -79,30 +84,107 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
         left_out += rows
         of_readout = (*truncated_angles(recording, scenario), *held_readout(recording, scenario))
         faults += [f for f in of_readout if (f.effect.id, None) not in known]
-        for sensor in scenario.sensor:
-            if not recording.has(sensor):
-                continue
-            recording, found = coarse_codes(recording, sensor)
-            faults += [
-                f for f in found if not f.ids & {id for id, name in known if name == sensor.name}
-            ]
-            # a coarse code stands still, and ends flat
-            fine = [a for a in sensor.axes if all(a not in f.axes for f in found)]
-            if (AdcStuckBit.id, sensor.name) not in known:
-                lacking = lacking_bits(recording, sensor, fine)
-                faults, fine = (
-                    faults + lacking,
-                    [a for a in fine if all(a not in f.axes for f in lacking)],
-                )
-            for look in (stuck_values, clipped_values, repeated_samples):
-                recording, found = look(recording, sensor, fine)
-                faults += [
-                    f
-                    for f in found
-                    if not f.ids & {id for id, name in known if name == sensor.name}
-                ]
-        repaired.append(recording)
+        sensors = [s for s in scenario.sensor if recording.has(s)]
+        inspection = inspect_recording(recording, sensors)
+        for finding in inspection.findings:
+            fault = fault_of(finding, recording, sensors)
+            if fault is None:
+                notes.append(f"{recording.source}: {finding.statement}")
+            elif not {(id, fault.effect.sensor) for id in fault.ids} & known:
+                faults.append(fault)
+        repaired.append(_with_readings(recording, inspection.repaired))
     return Inspected(tuple(repaired), tuple(once(faults)), tuple(notes), tuple(left_out))
+
+
+def _with_readings(recording: Recording, repaired: Log) -> Recording:
+    """The recording with the repaired readings of its sensors."""
+    before = {n: recording.column(n) for n in recording.column_names}
+    changed = {
+        name: c.values
+        for name, c in repaired.channels.items()
+        if c.is_reading and not np.array_equal(c.values, before[name], equal_nan=True)
+    }
+    return rewritten(recording, before | changed) if changed else recording
+
+
+def fault_of(finding: Finding, recording: Recording, sensors: Sequence[Sensor]) -> Fault | None:
+    """The fault that a finding is, as an effect of the catalogue; None where it has none."""
+    place = {recording.channel(f"{s.name}_{axis}"): (s, axis) for s in sensors for axis in s.axes}
+    if finding.column not in place or finding.kind not in EFFECTS:
+        return None
+    sensor, axis = place[finding.column]
+    if finding.kind == "coarse" and sensor.input is not None:
+        return None  # raw codes of a stated converter
+    effect, interval = EFFECTS[finding.kind](finding, recording, sensor, axis)
+    names: tuple[str, ...] = ()
+    if isinstance(effect, AdcQuantisation) and not sensor.is_accelerometer:
+        names = (AdcQuantisation.id, GyrQuantisation.id)
+    axes = tuple(place[c][1] for c in finding.columns)
+    sigma = {n: _size(v, n, sensor, finding.column) for n, v in finding.sigma.items()}
+    words = f"{finding.statement}."
+    return Fault(effect, (sensor.name,), axes, words, interval, names, sigma)
+
+
+def _size(value: float, name: str, sensor: Sensor, column: str) -> float:
+    """A size in the unit of a column, SI; a share is one as it is."""
+    if name == "share":
+        return value
+    unit = str(split_unit(column)[1])
+    if sensor.input is not None and unit == sensor.input.unit:
+        return abs(value / sensor.input.slope)
+    return value * COLUMN_UNITS[unit].factor
+
+
+Interval = tuple[float, float | None] | None
+
+
+def _stuck(
+    finding: Finding, recording: Recording, sensor: Sensor, axis: str
+) -> tuple[Effect, Interval]:
+    begin = float(recording.time[0])
+    start, length = finding.size.get("start", begin) - begin, finding.size.get("length")
+    length = float(np.ptp(recording.time)) if length is None else length
+    effect = DataStuck(
+        {"start": start, "length": length},
+        sensor.name,
+        axis,
+        "found",
+        seen_in=recording.fingerprint,
+    )
+    return effect, (start, start + length)
+
+
+def _clipped(
+    finding: Finding, recording: Recording, sensor: Sensor, axis: str
+) -> tuple[Effect, Interval]:
+    full_scale = np.array([[finding.size["full_scale"]]])
+    limit = abs(float(si_values(sensor, [finding.column], full_scale, recording.source)[0, 0]))
+    cls = AccSaturation if sensor.is_accelerometer else GyrSaturation
+    return cls({"full_scale": limit}, sensor.name, axis, "found"), None
+
+
+def _sized(
+    cls: type[Effect], name: str, own_axis: bool
+) -> Callable[[Finding, Recording, Sensor, str], tuple[Effect, Interval]]:
+    def make(
+        finding: Finding, recording: Recording, sensor: Sensor, axis: str
+    ) -> tuple[Effect, Interval]:
+        del recording
+        size = _size(finding.size[name], name, sensor, finding.column)
+        return cls({name: size}, sensor.name, axis if own_axis else None, "found"), None
+
+    return make
+
+
+EFFECTS = {
+    "dead": _stuck,
+    "frozen": _stuck,
+    "clipped": _clipped,
+    "repeated": _sized(DataDuplicate, "share", False),
+    "stuck_bit": _sized(AdcStuckBit, "bit_value", True),
+    "coarse": _sized(AdcQuantisation, "lsb", False),
+}
+"""What a finding is in the catalogue, by the name of its check."""
 
 
 def by_recording(left_out: Sequence[LeftOut]) -> list[LeftOut]:

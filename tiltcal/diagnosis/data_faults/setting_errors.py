@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
-from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix, columns_of
 from tiltcal.diagnosis.model.channel_noise import models, noise_under, noise_within_stops
 from tiltcal.diagnosis.model.cosine_basis import project

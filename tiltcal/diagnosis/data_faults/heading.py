@@ -11,7 +11,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observe import observe
-from tiltcal.diagnosis.data_quality.prepare import calibrated
+from tiltcal.diagnosis.data_faults.prepare import calibrated
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.dwell_noise import robust_white

@@ -22,11 +22,11 @@ from tiltcal.core.progress import Part, Progress, Stages
 from tiltcal.diagnosis.data.channels import as_written, rewritten, undo_labelling_faults
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.observe import observe
-from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.inspection import LeftOut, in_order, inspect, once
-from tiltcal.diagnosis.data_quality.outliers import find_outliers
-from tiltcal.diagnosis.data_quality.prepare import PreparedData, calibrated, prepare
-from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_faults
+from tiltcal.diagnosis.data_faults.fault import Fault
+from tiltcal.diagnosis.data_faults.inspection import LeftOut, in_order, inspect, once
+from tiltcal.diagnosis.data_faults.outliers import find_outliers
+from tiltcal.diagnosis.data_faults.prepare import PreparedData, calibrated, prepare
+from tiltcal.diagnosis.data_faults.units_signs_axes import find_labelling_faults
 from tiltcal.effects.data.labelling_faults import DataTruncation
 from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
 from tiltcal.effects.timing.delays import DataJitter

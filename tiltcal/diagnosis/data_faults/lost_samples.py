@@ -10,7 +10,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.channels import shifted
 from tiltcal.diagnosis.data.observations import Channel, Observations
-from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.data.faults import DataDrop
 from tiltcal.recordings.recording import Recording

@@ -3,8 +3,8 @@
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.labelling import (
+from tiltcal.diagnosis.data_faults.fault import Fault
+from tiltcal.diagnosis.data_faults.labelling import (
     FAR,
     LEAST,
     fault_of_factor,

@@ -1,5 +1,4 @@
-"""A bit that always reads 0: half of all codes never occur, in cycles of twice the bit, wherever
-the readings go.
+"""Bits that are never set put back.
 
 Only a prediction shows which readings lack the bit: it is put back where that brings a reading
 nearer to the model. By hand a FOG predicts a gyro along its axis; where nothing does, the smoothest
@@ -10,9 +9,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index, Mask, Single
+from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.quantisation import lsb_width
-from tiltcal.diagnosis.data.channels import CHANCE, at_least, changed, column_values, written
+from tiltcal.data_quality.bits import LEAST, is_set
+from tiltcal.diagnosis.data.channels import changed, column_values, written
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.laboratory.scenario import Scenario
@@ -20,105 +20,7 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.dwell_noise import robust_white
 
-FINEST = 2.0**-17  # of the range of the readings: no smaller bit is looked for
-IN_A_BIT = (
-    4  # cells of the histogram in the smallest bit, and codes: a smaller one is lost in noise
-)
-# of the file in the smallest bit: what rounds a coarse code to so few looks like half a cycle
-CODES = 12
-CYCLES = 4  # of the bit in the range of the readings, at least
-# mean sine of the phase; 2 / pi where only the lower half of each cycle occurs, 0 by chance
-LIKE_HALF = 0.5
-ZOOMS = 4  # of eight times each
-TRIES = 5  # of the most likely bits
-LEAST = 64  # values
 MIN_BIT_OVER_NOISE = 4.0  # times the noise of a FOG, at least, of what a bit of a gyro is along it
-
-
-def stuck_bit(values: Array) -> float | None:
-    """The bit that is never set in these values, (n,), in their unit: codes in two's complement, or
-    magnitudes with a sign.
-    """
-    one = np.ones(len(values))
-    for codes, sign in (
-        ((values, one), (np.abs(values), np.sign(values))) if values.min() < 0 else ((values, one),)
-    ):
-        if (bit := _never_set(codes, sign)) is not None:
-            return bit
-    return None
-
-
-def _never_set(values: Array, sign: Array) -> float | None:
-    """The bit, if a bit of floor(values / bit) is 0 in more cycles, of either sign, than chance
-    allows.
-    """
-    from scipy.fft import next_fast_len, rfft
-
-    span, width = float(np.ptp(values)), lsb_width(values)
-    cell = max(width, FINEST * span / IN_A_BIT)
-    if len(values) < LEAST or width == 0 or span < 2 * CYCLES * IN_A_BIT * cell:
-        return None
-    taken = _taken(values, cell)
-    n = next_fast_len(4 * len(taken), real=True)
-    grid = 1 / (2 * n * cell)  # of the frequencies
-    coarsest, finest = CYCLES / span, 1 / (2 * max(IN_A_BIT * cell, CODES * width))
-    first, last = int(np.ceil(coarsest / grid)), min(int(finest / grid), n // 2)
-    # what the sharing takes off
-    kept = (1 + np.cos(2 * np.pi * grid * cell * np.arange(first, last + 1, dtype=np.float32))) / 2
-    waves, enough = rfft(taken, n)[first : last + 1] / kept, LIKE_HALF * float(taken.sum())
-    tried = len(waves)
-    strong = np.flatnonzero(waves.real**2 + waves.imag**2 >= enough**2)
-    frequency = grid * (first + strong)  # 1 / (2 bit)
-    alike = -(waves[strong] * np.exp(-2j * np.pi * frequency * (values.min() + cell / 2))).imag
-    for k in np.argsort(alike)[::-1][:TRIES]:
-        if alike[k] < enough:
-            break
-        best = _least_set(values, float(frequency[k]), grid, width)
-        if _bunched(values, best, grid):
-            continue
-        cycle = sign * (np.floor(values * best) + 1)
-        visited, odd = len(np.unique(cycle)), len(np.unique(cycle[_set(values, best, width)]))
-        if at_least(visited - odd, visited, 0.5) * tried < CHANCE:
-            return float(1 / (2 * best))
-    return None
-
-
-def _taken(values: Array, cell: float) -> Single:
-    """How many cells of a histogram are taken, in pairs of cells: those between two pairs are
-    shared by them.
-    """
-    place = ((values - values.min()) / cell).astype(np.intp)
-    taken = np.zeros(2 * (int(place.max()) // 2) + 3, np.float32)
-    taken[place] = 1.0  # each value once: rests say no more than moves
-    shared = taken[::2].copy()
-    shared[:-1] += taken[1::2] / 2
-    shared[1:] += taken[1::2] / 2
-    return shared
-
-
-def _bunched(values: Array, frequency: float, reach: float) -> bool:
-    """Whether the values cluster within the half that occurs: a grid of coarse codes, not codes
-    that lack a bit.
-    """
-    single = np.unique(values)
-    return any(
-        abs(np.mean(np.exp(4j * np.pi * f * single))) > LIKE_HALF
-        for f in frequency + np.linspace(-reach, reach, 33)
-    )
-
-
-def _least_set(values: Array, frequency: float, reach: float, width: float) -> float:
-    """The frequency nearby at which the bit would be set least often, by refinement."""
-    for _ in range(ZOOMS):
-        near = frequency + np.linspace(-reach, reach, 33)
-        often = np.array([np.count_nonzero(_set(values, f, width)) for f in near])
-        frequency, reach = float(near[often == often.min()].mean()), reach / 8
-    return frequency
-
-
-def _set(values: Array, frequency: float, width: float) -> Mask:
-    """Whether the bit would be set, of codes whose digits a file has rounded, (n,)."""
-    return np.mod((values + width / 4) * frequency, 1.0) >= 0.5
 
 
 def with_bits(
@@ -260,5 +162,6 @@ def _with_sign(codes: Array, bit: float) -> bool:
     """
     width = lsb_width(codes)
     return bool(
-        _set(np.abs(codes), 1 / (2 * bit), width).mean() < _set(codes, 1 / (2 * bit), width).mean()
+        is_set(np.abs(codes), 1 / (2 * bit), width).mean()
+        < is_set(codes, 1 / (2 * bit), width).mean()
     )

@@ -7,7 +7,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.data.channels import without_readout
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.data.labelling_faults import DataPoseLabel
 from tiltcal.recordings.recording import Recording

@@ -6,7 +6,7 @@ from itertools import permutations, product
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.effects.data.labelling_faults import (
     DataAxisSwap,
     DataHand,

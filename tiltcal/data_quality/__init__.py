@@ -1,0 +1,3 @@
+"""Faults that the columns of a log show by themselves, before any model: one list of checks for
+every command.
+"""

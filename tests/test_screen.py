@@ -13,7 +13,7 @@ from statistics_helpers import rng_of
 
 from tiltcal.calibration.methods.north_checks import walk_density
 from tiltcal.calibration.methods.registry import calibrate
-from tiltcal.calibration.screen.channels import channel_tests, frozen_stretch
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.screen.columns import unit_test
 from tiltcal.calibration.screen.drift import slope_test
 from tiltcal.calibration.screen.explanations import Explanation, alike, in_words
@@ -84,18 +84,6 @@ def test_readings_without_codes_in_common_leave_the_noise_open():
     assert chances.max() < 0.2
 
 
-def test_a_frozen_stretch_is_found_and_a_quiet_sensor_with_coarse_codes_is_not_frozen():
-    rng = rng_of("frozen")
-    noisy = rng.normal(size=4000)
-    assert frozen_stretch(noisy) is None
-    stuck = noisy.copy()
-    stuck[1500:1600] = stuck[1500]
-    assert frozen_stretch(stuck) == (1500, 1600)
-    # a code of eight sigmas repeats itself for long wherever the mean lies inside it
-    steps = np.repeat(rng.uniform(0, 80, 20), 200)
-    assert frozen_stretch(np.round((steps + noisy) / 8) * 8) is None
-
-
 @pytest.mark.parametrize("share", [0.3, 1.0, 3.0])
 def test_false_alarms_of_the_slope_test_are_as_rare_as_stated_under_random_walk(share):
     """Fewer than 1 % of 300 logs at a significance of 0.1 %."""
@@ -136,8 +124,9 @@ def test_counts_are_named_with_their_number_per_g():
 
 
 def test_a_dead_channel_is_named_and_the_others_are_not():
-    log = log_of(triad_readings(sphere(9), G, np.zeros(3), np.diag([1.0, 0.0, 1.0])), ACCEL)
-    alive, _ = channel_tests(log, ACCEL)
+    clean = triad_readings(sphere(9), G, np.zeros(3), np.diag([1.0, 0.0, 1.0]))
+    noise = rng_of("dead").normal(0, 1e-3, (len(log_of(clean, ACCEL)), 3)) * [1, 0, 1]
+    (alive,) = data_tests(log_of(clean, ACCEL, noise=noise), ACCEL)
     assert not alive.passed
     assert "accel_y" in alive.statement
     assert "accel_x" not in alive.statement

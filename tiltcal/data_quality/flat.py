@@ -165,6 +165,7 @@ class SentTwice(Emptying):
     def _find(self, log: Log) -> Iterator[Finding]:
         for name, every in log.sensors.items():
             channels = [c for c in every if len(c.read) >= LEAST and not c.is_coarse]
+            channels = [c for c in channels if not c.is_constant]
             expected = {c.name: min(c.repeat_chance, 1.0) for c in channels}
             hit = [c for c in channels if _too_often(c.repeats, expected[c.name])]
             if not hit and (rows := _repeated_on_all(channels, expected)) is not None:
@@ -178,7 +179,7 @@ class SentTwice(Emptying):
             number = sum(len(again[c.name]) for c in hit) / len(hit)
             columns = tuple(c.name for c in hit)
             words = (
-                f"{', '.join(columns)}: {100 * share:.2g} % of the samples of {name} repeat the one"
+                f"{', '.join(columns)}: {100 * share:.3g} % of the samples of {name} repeat the one"
                 " before exactly"
             )
             yield self.finding(

@@ -11,9 +11,8 @@ from tiltcal.core.units import COLUMN_UNITS, DEG, G0, split_unit
 from tiltcal.data_quality.check import Check, Finding, in_rows, in_words
 from tiltcal.data_quality.log import AT_REST, REST, Channel, Log
 
-# gains beyond it are no error of a sensor: consumer-grade data sheets state 3 to 10 %, and the next
-# wrong factors, 1/2 and 2 of another range, are as far again
-USUAL = (0.8, 1.25)
+# half way to the nearest wrong factor, 1/2 and 2 of another full-scale range
+USUAL = (2**-0.5, 2**0.5)
 NEAR = np.log(1.3)  # of a unit's factor: sensors are within 30 % of their nominal gain
 CLOSE = np.log(1.1)  # of a power of two
 RANGES = (2.0, 0.5, 4.0, 0.25, 8.0, 0.125)  # ratios of full-scale ranges of one sensor
@@ -72,7 +71,7 @@ class Gravity(Check):
     name = "gravity"
     test = "unit"
     looks_at = "three columns of acceleration, where they are quiet"
-    finds = "a norm at standstill off by 25 %, the same in all positions"
+    finds = "a norm at standstill off by a factor of 1.5, the same in all positions"
 
     def _find(self, log: Log) -> Iterator[Finding]:
         for name, channels in log.sensors.items():

@@ -27,8 +27,8 @@ from tiltcal.calibration.methods.fog_filter import (
     kalman,
 )
 from tiltcal.calibration.result import Calibration, Estimate
-from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.calibration.screen.columns import unit_test
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.validity import SIGNIFICANCE, VERDICTS, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import AXES
@@ -155,7 +155,7 @@ def fog_scale(
         return _several_days(recording, setup, gyro, fog, axis_error_deg * DEG)
     require_triad(gyro, NAME, "add the others")
     reference = pick_sensor(setup, recording, ("fog",), fog, NAME)
-    live = [t for each in (gyro, reference) for t in channel_tests(recording, each)]
+    live = data_tests(recording, gyro, reference)
     found = list(find_segments(recording)) if segments is None else _with_moves(segments, recording)
     rests = dwells(found)
     log = field_log(recording, setup, gyro, reference, found)

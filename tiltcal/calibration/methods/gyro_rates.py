@@ -18,8 +18,8 @@ from tiltcal.calibration.methods.common import (
 from tiltcal.calibration.methods.terms import columns_under
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.causes import Misfit, cause_test, lacking_terms, part_words
-from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.calibration.screen.columns import order_test, unit_test
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
@@ -91,7 +91,7 @@ def gyro_rates(
         )
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
     _require_readout(recording, setup)
-    live = channel_tests(recording, gyro)
+    live = data_tests(recording, gyro)
     poses = find_poses(recording, setup, gyro, segments)
     blocks, units = _blocks(recording, setup, gyro, terms, poses)
     used, fit = blocks.steady, blocks.fit(blocks.steady)

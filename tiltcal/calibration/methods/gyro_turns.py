@@ -30,8 +30,8 @@ from tiltcal.calibration.methods.norm import norm
 from tiltcal.calibration.methods.terms import effect_of_term
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.causes import cause_test
-from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.calibration.screen.columns import columns_test
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
@@ -88,7 +88,7 @@ def gyro_turns(
     _require_terms(terms)
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
     accel = pick_sensor(setup, recording, ("accelerometer",), None, NAME)
-    live = [t for each in (gyro, accel) for t in channel_tests(recording, each)]
+    live = data_tests(recording, gyro, accel)
     found = list(find_segments(recording)) if segments is None else list(segments)
     rests, turns, static = _turns_and_rests(recording, setup, found, gyro, accel)
     names = parameter_names(gyro.name, terms)

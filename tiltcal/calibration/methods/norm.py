@@ -21,7 +21,7 @@ from tiltcal.calibration.methods.norm_iteration import product_and_sum
 from tiltcal.calibration.methods.norm_model import mirrored, solve
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.causes import cause_test
-from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.screen.drift import slope_test
 from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import Test, verdict_of
@@ -72,7 +72,7 @@ def norm(
     """
     used = pick_sensor(setup, recording, ("accelerometer",), sensor, NAME)
     require_triad(used, NAME, "use six_position")
-    live = channel_tests(recording, used)
+    live = data_tests(recording, used)
     terms = _number_of_terms(terms, used)
     poses = find_poses(recording, setup, used, segments)
     _require_poses(poses, terms, recording)

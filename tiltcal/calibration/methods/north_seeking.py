@@ -24,7 +24,7 @@ from tiltcal.calibration.methods.reversal import (
 )
 from tiltcal.calibration.methods.turntable import Turntable, solve, start_of
 from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.validity import verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
@@ -84,9 +84,12 @@ def north(
     """
     require_vertical(setup, NAME, "use a table that turns about Up")
     fog = pick_sensor(setup, recording, ("fog",), sensor, NAME)
-    live = channel_tests(recording, fog)
     found = list(find_segments(recording)) if segments is None else dwells(segments)
     accel = _level(recording, setup, level) if tilt else None
+    live = [
+        *data_tests(recording, fog),
+        *(data_tests(recording, accel, axes="xy") if accel is not None else ()),
+    ]
     table, poses, walk = _turntable(recording, setup, fog, accel, found)
     roll, pitch, heading, rivals = start_of(table)
     sure = len(rivals) == 1
@@ -128,8 +131,6 @@ def _level(recording: Recording, setup: Setup, name: str | None) -> Sensor | Non
     if name is not None:
         return pick_sensor(setup, recording, kinds, name, NAME)
     fitting = [s for s in setup.sensors(*kinds) if recording.has(s) and {"x", "y"} <= set(s.axes)]
-    for sensor in fitting[:1]:
-        channel_tests(recording, sensor, "xy")
     return fitting[0] if fitting else None
 
 

@@ -39,7 +39,7 @@ from tiltcal.calibration.methods.placing_sweep import (
     split_at_remounts,
 )
 from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
@@ -119,7 +119,7 @@ def placing_table(
         *sweep_tests(axes),
         interpolation_test(axes, g, lookup),
         *smooth_tests,
-        *channel_tests(recording, used, "xy"),
+        *data_tests(recording, used, axes="xy"),
         *(t for p in poses for t in outlier_tests(recording, p)),
     ]
     left = [left_uncorrected(p, mounts_of(p, recording, setup), g) for p in poses]

@@ -29,11 +29,12 @@ from tiltcal.calibration.methods.thermal import thermal
 from tiltcal.calibration.methods.two_position import two_position
 from tiltcal.calibration.parameter_units import in_our_units
 from tiltcal.calibration.result import Calibration, load_calibration, require_finite
-from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.data import findings_of
 from tiltcal.calibration.screen.limiter import limiter_tests
 from tiltcal.calibration.validity import threshold_test
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.numerical import determining
+from tiltcal.data_quality.registry import BY_NAME
 from tiltcal.effects.parameter import by_name
 from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
@@ -220,13 +221,14 @@ def _explained(recording: Recording, setup: Setup) -> Iterator[None]:
         if error.subject != recording.source:
             raise
         faults: list[str] = []
-        for sensor in setup.sensor:
-            with suppress(TiltcalError):
-                faults += [t.statement for t in channel_tests(recording, sensor) if not t.passed]
+        with suppress(TiltcalError):
+            found = findings_of(recording, setup.sensor)
+            faults = [f.statement for f in found if BY_NAME[f.kind].answer != "note"]
+        faults = [words for words in faults if words not in error.found]
         if not faults:
             raise
-        found = f"{error.found}; {'; '.join(faults)}"
-        raise TiltcalError(error.subject, found=found, need=error.need, do=error.do) from error
+        every = "; ".join([error.found, *faults])
+        raise TiltcalError(error.subject, found=every, need=error.need, do=error.do) from error
 
 
 def _foreign(

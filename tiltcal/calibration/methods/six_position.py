@@ -19,7 +19,7 @@ from tiltcal.calibration.methods.known_attitude_model import (
     without_drift,
 )
 from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import threshold_test, verdict_of
 from tiltcal.core.errors import TiltcalError
@@ -70,7 +70,7 @@ def six_position(
     """
     _require_names(terms)
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
-    live = channel_tests(recording, used)
+    live = data_tests(recording, used)
     poses, warnings = _poses_of_known_attitude(
         find_poses(recording, setup, used, segments), recording, setup.rig.table
     )

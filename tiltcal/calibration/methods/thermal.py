@@ -27,7 +27,7 @@ from tiltcal.calibration.methods.thermal_model import (
 )
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.calibration.screen.causes import cause_test
-from tiltcal.calibration.screen.channels import channel_tests, frozen_stretch
+from tiltcal.calibration.screen.data import data_tests, findings_of
 from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import Test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array
@@ -126,7 +126,7 @@ def _channels_tested(
 ) -> list[Test]:
     """Whether the channels of a sensor measure, and their means are not spoilt by outliers."""
     poses = find_poses(recording, setup, sensor, stretches)
-    return [*channel_tests(recording, sensor), *outlier_tests(recording, poses)]
+    return [*data_tests(recording, sensor, temperature=True), *outlier_tests(recording, poses)]
 
 
 def _smoothing(time: Array, temperature: Array) -> float:
@@ -172,15 +172,9 @@ class SensorFit:
     def cause(self, fit: BlockFit, setup: Setup, recording: Recording) -> Test:
         """The cause of a misfit. fit: how well the blocks were fitted."""
         name = f"cause of {self.sensor.name}"
-        # of a thermometer only then: a constant soak is no fault
-        stuck = frozen_stretch(temperature_of(recording))
-        if stuck is not None:
-            start, end = recording.time[[stuck[0], stuck[1] - 1]]
-            words = (
-                f"the temperature repeats one value from {start:.6g} to {end:.6g} s while it varies"
-                " elsewhere: frozen"
-            )
-            return threshold_test(name, 1, False, words)
+        for finding in findings_of(recording, ()):
+            if finding.column.startswith("temperature_"):
+                return threshold_test(name, 1, False, finding.statement)
         left, X = self.left()[0], self.choice.design.X
         misfit = misfit_of_blocks(self.sensor, setup, self.blocks, fit, left, X)
         return cause_test(misfit.explanations(), recording.source, name)

@@ -14,8 +14,8 @@ from tiltcal.calibration.methods.reversal import (
 )
 from tiltcal.calibration.methods.reversal_faults import Reversal, explain, solve, still_test
 from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.calibration.screen.columns import unit_test
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array
@@ -75,7 +75,7 @@ def two_position(
     one_of(estimator, ESTIMATORS, f"method {NAME}, option estimator")
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
     require_xy(used, NAME)
-    live = channel_tests(recording, used, "xy")
+    live = data_tests(recording, used, axes="xy")
     poses = find_poses(recording, setup, used, segments)
     angles = dwell_angles(poses, recording)
     chunks, codes = _chunks(recording, setup, used, poses)

@@ -14,7 +14,7 @@ from tiltcal.data_quality.check import Check, Finding, in_rows
 from tiltcal.data_quality.flat import at_least
 from tiltcal.data_quality.log import CHANCE, FLAT, Channel, Log
 
-FINEST = 2.0**-17  # of the range of the readings: no smaller bit is looked for
+FINEST = 2.0**-16  # of the range of the readings: no smaller bit is looked for
 # cells of the histogram in the smallest bit, and codes: a smaller one is lost in noise
 IN_A_BIT = 4
 # of the file in the smallest bit: what rounds a coarse code to so few looks like half a cycle
@@ -25,6 +25,8 @@ LIKE_HALF = 0.5
 ZOOMS = 4  # of eight times each
 TRIES = 5  # of the most likely bits
 LEAST = 64  # values
+FEW = 2000  # readings from which a frequency is refined
+SELDOM = 0.25  # share of readings with a bit set above which it is set by chance, half the time
 
 
 class StuckBit(Check):
@@ -144,8 +146,8 @@ def _never_set(values: Array, sign: Array) -> float | None:
     for k in np.argsort(alike)[::-1][:TRIES]:
         if alike[k] < enough:
             break
-        best = _least_set(values, float(frequency[k]), grid, width)
-        if _bunched(values, best, grid):
+        best = _least_set(values[:: max(len(values) // FEW, 1)], float(frequency[k]), grid, width)
+        if best is None or _bunched(values, best, grid):
             continue
         cycle = sign * (np.floor(values * best) + 1)
         visited, odd = len(np.unique(cycle)), len(np.unique(cycle[is_set(values, best, width)]))
@@ -178,11 +180,15 @@ def _bunched(values: Array, frequency: float, reach: float) -> bool:
     )
 
 
-def _least_set(values: Array, frequency: float, reach: float, width: float) -> float:
-    """The frequency nearby at which the bit would be set least often, by refinement."""
+def _least_set(values: Array, frequency: float, reach: float, width: float) -> float | None:
+    """The frequency nearby at which the bit would be set least often, by refinement; None where
+    that is by chance.
+    """
     for _ in range(ZOOMS):
         near = frequency + np.linspace(-reach, reach, 33)
         often = np.array([np.count_nonzero(is_set(values, f, width)) for f in near])
+        if often.min() > SELDOM * len(values):
+            return None
         frequency, reach = float(near[often == often.min()].mean()), reach / 8
     return frequency
 

@@ -58,9 +58,8 @@ class Frozen(Emptying):
     finds = "a run of equal readings of probability 1e-6, by how often the others repeat"
 
     def _find(self, log: Log) -> Iterator[Finding]:
-        for c in log.channels.values():
-            if c.is_angle or len(c.read) < LEAST or c.is_constant or c.is_coarse:
-                continue
+        every = [[c] for c in log.channels.values() if c.channel == "temperature"]
+        for c in _with_noise([*log.sensors.values(), *every]):
             long = _frozen_runs(c)
             if not long:
                 continue
@@ -72,6 +71,16 @@ class Frozen(Emptying):
                 words += f", the longest of {len(long)} stretches"
             size = {"start": float(start), "length": float(end - start)}
             yield self.finding((c.name,), rows, words, size=size)
+
+
+def _with_noise(sensors: Sequence[Sequence[Channel]]) -> Iterator[Channel]:
+    """Channels of sensors that have noise at standstill: where none of a sensor's channels has, the
+    readings are computed, and repeats say nothing.
+    """
+    for channels in sensors:
+        live = [c for c in channels if len(c.read) >= LEAST and not c.is_constant]
+        if any(c.spread_at_rest > 0 for c in live):
+            yield from (c for c in live if not c.is_coarse)
 
 
 def _frozen_runs(c: Channel) -> list[tuple[int, int]]:

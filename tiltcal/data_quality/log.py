@@ -22,6 +22,7 @@ COARSE = 1.5
 HIDDEN = 0.4  # of an LSB: a smaller noise is hidden by it, and repeats say nothing
 SAMPLED = 100_000  # readings from which noise and LSB of a longer channel are taken
 PARTS = 10  # of the channel that these readings are taken from
+ARITHMETIC = 1e-12  # of the largest reading: steps below it are rounding of the arithmetic
 REST = 16  # samples whose spread is the noise where the table rests
 AT_REST = 0.2  # of the time that a table rests, at least
 
@@ -129,7 +130,9 @@ class Channel:
     @cached_property
     def is_coarse(self) -> bool:
         """Whether its LSB is not small beside its noise."""
-        return self.lsb is not None and self.lsb > COARSE * self.spread_at_rest
+        if self.lsb is None or self.lsb < ARITHMETIC * float(np.abs(self.sample).max()):
+            return False
+        return self.lsb > COARSE * self.spread_at_rest
 
     @cached_property
     def repeat_chance(self) -> float:

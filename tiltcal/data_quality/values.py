@@ -22,12 +22,14 @@ class Missing(Check):
     finds = "one empty cell, where not every so many rows have one"
 
     def _find(self, log: Log) -> Iterator[Finding]:
-        for channel in log.channels.values():
-            if len(channel.rows) in (0, len(channel.values)) or _at_slower_rate(channel):
-                continue
-            rows = np.flatnonzero(np.isnan(channel.values))
-            words = f"{channel.name}: no value, {in_rows(rows)}"
-            yield self.finding((channel.name,), rows, words)
+        alike: dict[bytes, list[Channel]] = {}
+        for c in log.channels.values():
+            if len(c.rows) not in (0, len(c.values)) and not _at_slower_rate(c):
+                alike.setdefault(c.rows.tobytes(), []).append(c)
+        for channels in alike.values():
+            rows = np.flatnonzero(np.isnan(channels[0].values))
+            columns = tuple(c.name for c in channels)
+            yield self.finding(columns, rows, f"{', '.join(columns)}: no value, {in_rows(rows)}")
 
 
 def _at_slower_rate(channel: Channel) -> bool:

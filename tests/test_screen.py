@@ -13,8 +13,8 @@ from statistics_helpers import rng_of
 
 from tiltcal.calibration.methods.north_checks import walk_density
 from tiltcal.calibration.methods.registry import calibrate
-from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.screen.columns import unit_test
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.screen.drift import slope_test
 from tiltcal.calibration.screen.explanations import Explanation, alike, in_words
 from tiltcal.calibration.screen.outliers import outlier_tests

@@ -194,5 +194,11 @@ def _least_set(values: Array, frequency: float, reach: float, width: float) -> f
 
 
 def is_set(values: Array, frequency: float, width: float) -> Mask:
-    """Whether the bit would be set, of codes whose digits a file has rounded, (n,)."""
+    """Whether the bit would be set, of codes whose digits a file has rounded, (n,).
+
+    Args:
+        values: codes, (n,).
+        frequency: 1 / (2 bit), in units of the codes.
+        width: LSB, in the unit of the codes.
+    """
     return np.mod((values + width / 4) * frequency, 1.0) >= 0.5

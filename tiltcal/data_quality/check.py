@@ -94,7 +94,7 @@ class Check(ABC):
         size: Mapping[str, float] | None = None,
         sigma: Mapping[str, float] | None = None,
     ) -> Finding:
-        """A finding of this check; the arguments are those of ``Finding``."""
+        """A finding of this check; the arguments are those of ``Finding``. rows: (m,)."""
         return Finding(
             self.name, columns, rows, statement, count, size or {}, sigma or {}, self.repair
         )

@@ -89,7 +89,7 @@ class Channel:
 
     @cached_property
     def sample(self) -> Array:
-        """Readings that noise and LSB are taken from: all, or evenly spread parts of many."""
+        """Readings that noise and LSB are taken from, (m,): all, or evenly spread parts of many."""
         if len(self.read) <= SAMPLED:
             return self.read
         size = SAMPLED // PARTS
@@ -203,7 +203,7 @@ class Log:
         return replace(self, channels={**self.channels, **new})
 
     def emptied(self, rows: Mapping[str, Index]) -> "Log":
-        """The log without the readings of these rows, by column."""
+        """The log without the readings of these rows, by column. rows: (m,) each."""
         columns = {}
         for name, these in rows.items():
             columns[name] = self.channels[name].values.copy()
@@ -211,7 +211,7 @@ class Log:
         return self.changed(columns)
 
     def taken(self, rows: Index) -> "Log":
-        """These rows in this order."""
+        """These rows, (m,), in this order."""
         return replace(
             self,
             time=self.time[rows],

@@ -113,13 +113,13 @@ def test_a_drift_inside_every_dwell_is_found_with_its_size():
     [(1 / 9.80665, "m_s2", "look like g"), (101.97, "m_s2", "look like mg"), (1.0, "m_s2", "gain")],
 )
 def test_a_gain_says_which_unit_the_column_is_in(gain, unit, word):
-    test = unit_test(ACCEL, np.full(3, gain), unit)
+    test = unit_test(ACCEL, gain, unit)
     assert word in test.statement
     assert test.passed == (gain == 1.0)
 
 
 def test_counts_are_named_with_their_number_per_g():
-    test = unit_test(ACCEL, np.full(3, 16384 / 9.80665), "m_s2")
+    test = unit_test(ACCEL, 16384 / 9.80665, "m_s2")
     assert "counts (LSB), 16384 per g" in test.statement
 
 

@@ -289,7 +289,7 @@ def test_a_saturated_channel_is_named(full_scale):
     )
     with pytest.raises(
         TiltcalError,
-        match=r"column accel_x_m_s2: found accel_x_m_s2: saturated at 2.5, or frozen at its extreme",
+        match=r"found accel_x_m_s2: saturated at 2.5, or frozen at its extreme",
     ):
         calibrate("two_position", Recording.from_columns(draw.time, columns), setup)
 

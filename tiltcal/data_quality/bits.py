@@ -50,8 +50,10 @@ class StuckBit(Check):
                 yield self.finding((c.name,), c.rows, words, size=size, sigma=sigma)
 
 
-WORDS = (8, 10, 12, 14, 16, 18, 20, 24, 32)  # bits of the registers of sensors
-VOID = 0.15  # of the range of the register: codes between the two ends that never occur
+REGISTERS = (8, 10, 12, 14, 16, 18, 20, 24, 32)  # bits of the registers of sensors
+VOID = 0.15  # of the range of a register: codes between the two ends that never occur
+EXACT = 1 / 16  # of the range, within which a step between two rows is one of it
+STEPS = 2  # between the ends
 
 
 class SignNotExtended(Check):
@@ -60,21 +62,19 @@ class SignNotExtended(Check):
     name = "sign_extension"
     test = "signed codes"
     repair = "extend_sign"
-    is_certain = True
     looks_at = "readings in whole codes"
-    finds = "two steps between the ends of a register, and no code about its middle"
+    finds = "two steps of the range of a register, and codes in the middle that never occur"
 
     def _find(self, log: Log) -> Iterator[Finding]:
         for c in log.readings:
             if c.quantity == "raw" and (found := _register(c)) is not None:
-                bits, sign = found
-                high = c.rows[sign * c.read >= 2.0 ** (bits - 1)]
+                bits, high = found
+                rows = c.rows[high]
                 words = (
-                    f"{c.name}: codes in two's complement of {bits} bits read without their sign:"
-                    f" 2^{bits} too {'large' if sign > 0 else 'small'}, {in_rows(high)}"
+                    f"{c.name}: steps of 2^{bits} between neighbouring rows, and no code between:"
+                    f" two's complement of {bits} bits read without its sign, {in_rows(rows)}"
                 )
-                size = {"register": sign * 2.0**bits}
-                yield self.finding((c.name,), high, words, size=size)
+                yield self.finding((c.name,), rows, words, size={"register": 2.0**bits})
 
     def _repair(self, log: Log, findings: Sequence[Finding]) -> tuple[Log, str]:
         columns, done = {}, []
@@ -86,26 +86,23 @@ class SignNotExtended(Check):
         return log.changed(columns), ", ".join(done)
 
 
-def _register(c: Channel) -> tuple[int, float] | None:
-    """Bits of a register that was read without its sign, and -1 where it was negated as well."""
-    for sign in (1.0, -1.0):
-        codes = sign * c.read
-        if codes.min() < 0 or codes.max() < 2.0 ** (WORDS[0] - 1):
-            continue
-        bits = next((b for b in WORDS if codes.max() < 2.0**b), None)
-        if bits is None or np.any(c.sample != np.rint(c.sample)):
-            continue
-        full = 2.0**bits
-        low, high = codes[codes < full / 2], codes[codes >= full / 2]
-        if not len(low) or not len(high):
-            continue
-        void = float(high.min() - low.max())
-        jumps = int(np.sum(np.abs(np.diff(codes)) > void))
-        # signed codes are near each other about zero, where these are at the two ends
-        near = full - float(high.max()) + float(low.min())
-        if void > VOID * full and jumps >= 2 and near < void / 4:
-            return bits, sign
-    return None
+def _register(c: Channel) -> tuple[int, Mask] | None:
+    """Bits of a register that was read without its sign, and the readings that are too large."""
+    single = np.unique(c.sample)
+    if len(single) < LEAST or np.any(single != np.rint(single)):
+        return None
+    k = int(np.argmax(np.diff(single)))
+    low, high = float(single[k]), float(single[k + 1])
+    step = np.abs(np.diff(c.read))
+    across = step[(c.read[1:] >= high) != (c.read[:-1] >= high)]
+    if len(across) < STEPS:
+        return None
+    bits = min(REGISTERS, key=lambda b: abs(np.log2(np.median(across)) - b))
+    full = 2.0**bits
+    exact = np.abs(across - full) < EXACT * full
+    if high - low < VOID * full or not exact.all():
+        return None
+    return bits, np.asarray(c.read >= high)
 
 
 def stuck_bit(values: Array) -> float | None:

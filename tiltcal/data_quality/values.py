@@ -7,7 +7,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.data_quality.check import Check, Finding, in_rows, in_words
-from tiltcal.data_quality.log import FINE, LEAST, Channel, Log
+from tiltcal.data_quality.log import FINE, Channel, Log
 
 HALF_TURN = 0.5  # turns: an angle does not jump by more between two rows
 
@@ -97,7 +97,7 @@ class Alternating(Check):
     name = "alternating"
     test = "one source"
     looks_at = "readings of a sensor"
-    finds = "a difference of alternate rows of ten times the noise"
+    finds = "a difference of alternate rows of twice the noise, in 300 rows"
 
     def _find(self, log: Log) -> Iterator[Finding]:
         for name, channels in log.sensors.items():
@@ -110,20 +110,18 @@ class Alternating(Check):
                 yield self.finding(tuple(c.name for c in hit), hit[0].rows, words)
 
 
-# of the median step to the next row over that to the next but one: 1 in noise, less in motion;
-# 3 where the levels are four sigmas apart
-APART = 3.0
+# of the median step to the next row over that to the next but one: 1 in noise, less in motion
+APART = 1.5
+ALTERNATES = 300  # readings, of which the ratio is known to a tenth: five sigmas
 
 
 def _alternates(values: Array) -> bool:
     """Whether a reading is much nearer to the next but one than to the next."""
-    if len(values) < LEAST:
+    if len(values) < ALTERNATES:
         return False
-    after = np.abs(np.diff(values))
-    next_but_one = float(np.median(np.abs(values[2:] - values[:-2])))
-    lsb = float(np.min(after[after > 0], initial=np.inf))
-    near = max(next_but_one, lsb if np.isfinite(lsb) and next_but_one == 0 else 0.0)
-    return bool(near > 0 and float(np.median(after)) > APART * near)
+    after, next_but_one = np.abs(np.diff(values)), np.abs(values[2:] - values[:-2])
+    near = max(float(np.median(next_but_one)), float(np.min(after[after > 0], initial=np.inf)))
+    return bool(float(np.median(after)) > APART * near)
 
 
 class AngleWraps(Check):

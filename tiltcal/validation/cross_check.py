@@ -7,6 +7,7 @@ import numpy as np
 
 from tiltcal.calibration.evidence import Evidence, evidence_at_rest, linear_columns
 from tiltcal.calibration.result import Calibration, Estimate
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.turning_evidence import evidence_in_turns
 from tiltcal.calibration.validity import SIGNIFICANCE, Test, chi2_test
 from tiltcal.core.arrays import Array
@@ -158,7 +159,8 @@ def check(
         segments: dwells to use.
 
     Raises:
-        TiltcalError: the recording shows nothing that the calibration states.
+        TiltcalError: the recording shows nothing that the calibration states, or a channel is
+            saturated.
     """
     limits = limits or Limits()
     found: list[_Judged] = []
@@ -177,7 +179,17 @@ def check(
         found += [judged] if judged else []
     if more:
         found = [_measured_again(calibration, recording, setup, limits, segments)]
-    return _answer(found)
+    used = map(setup.named, calibration.sensors())
+    return _with_faults(_answer(found), data_tests(recording, *used))
+
+
+def _with_faults(answer: Check, tests: Sequence[Test]) -> Check:
+    """The answer, not accepted where the readings that were judged are at fault."""
+    faults = [t.statement for t in tests if not t.passed]
+    if not faults:
+        return answer
+    statement = ". ".join([answer.statement, *faults])
+    return replace(answer, accepted=False, statement=statement)
 
 
 def _has_scale(calibration: Calibration, sensor: Sensor) -> bool:

@@ -235,13 +235,13 @@ def provenance(recording: Recording) -> dict[str, str]:
     }
 
 
-def fitted_sensitivity(fit: Fit, sensor: str) -> Array:
-    """M of ``reading = bias + M f`` of a triad: 1 plus its scale and cross-axis terms, (3, 3)."""
-    M = np.eye(3)
-    for i, a in enumerate(AXES):
+def fitted_sensitivity(fit: Fit, sensor: str, axes: Sequence[str] = AXES) -> Array:
+    """M of ``reading = bias + M f`` along some axes: 1 plus scale and cross-axis terms, (k, k)."""
+    M = np.eye(len(axes))
+    for i, a in enumerate(axes):
         M[i] += [
             fit.value(f"{sensor}.scale_{a}" if i == j else f"{sensor}.cross_{a}{b}")
-            for j, b in enumerate(AXES)
+            for j, b in enumerate(axes)
         ]
     return M
 

@@ -27,7 +27,7 @@ from tiltcal.calibration.methods.fog_filter import (
     kalman,
 )
 from tiltcal.calibration.result import Calibration, Estimate
-from tiltcal.calibration.screen.columns import unit_test
+from tiltcal.calibration.screen.columns import common_gain, unit_test
 from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.validity import SIGNIFICANCE, VERDICTS, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
@@ -167,7 +167,7 @@ def fog_scale(
     tests = [
         *log_tests(log, problem, state, gyro, recording.source),
         still_test(rests_with_motion(recording, setup, reference, rests)),
-        unit_test(gyro, 1 + state.scale, recording.sensor(gyro).units[0]),
+        unit_test(gyro, common_gain(np.diag(1 + state.scale)), recording.sensor(gyro).units[0]),
         *live,
     ]
     poses = find_poses(recording, setup, gyro, rests)

@@ -7,7 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, wrap_up
+from tiltcal.calibration.methods.common import (
+    fitted_sensitivity,
+    leave_out_rms,
+    pick_sensor,
+    wrap_up,
+)
 from tiltcal.calibration.methods.gyro_model import (
     PRIOR,
     TERMS,
@@ -30,7 +35,7 @@ from tiltcal.calibration.methods.norm import norm
 from tiltcal.calibration.methods.terms import effect_of_term
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.causes import cause_test
-from tiltcal.calibration.screen.columns import columns_test
+from tiltcal.calibration.screen.columns import columns_test, common_gain, unit_test
 from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
@@ -101,7 +106,9 @@ def gyro_turns(
         rests = replace(rests, references=uncertain)
         fit, converged = solve(turns, static, names, x, rests.references)
     heldout = _held_out(turns, static, names, fit)
+    gain = common_gain(fitted_sensitivity(fit, gyro.name))
     tests = [_fit_test(turns, fit, names), _columns_test(turns, rests), *live]
+    tests.append(unit_test(gyro, gain, recording.sensor(gyro).units[0]))
     if not tests[0].passed:
         found_causes = misfit_of_turns(turns, static, names, fit, rests, gyro).explanations()
         tests.append(cause_test(found_causes, recording.source))

@@ -14,7 +14,8 @@ from tiltcal.calibration.methods.known_attitude_model import DRIFT, Model, desig
 from tiltcal.calibration.screen.causes import Misfit, at_poses, cause_test
 from tiltcal.calibration.screen.columns import (
     column_orders,
-    columns_in_words,
+    common_gain,
+    exchanged_words,
     order_test,
     unit_test,
 )
@@ -37,26 +38,32 @@ FACES = {
 }
 
 
-def gain(M: Array) -> float:
-    """The common gain of a sensitivity matrix: cube root of its determinant's size. M: (3, 3)."""
-    return float(max(abs(np.linalg.det(M)), 1e-300) ** (1 / 3))
-
-
 def is_plausible(M: Array) -> bool:
-    """Whether every channel of a triad senses its own axis, whatever the unit. M: (3, 3)."""
-    return bool(np.abs(M / gain(M) - np.eye(3)).max() < PLAUSIBLE)
+    """Whether every channel senses its own axis, whatever the unit. M: (k, k)."""
+    return bool(np.abs(M / common_gain(M) - np.eye(len(M))).max() < PLAUSIBLE)
 
 
-def causes(poses: Poses, model: Model, fit: Fit, recording: Recording) -> list[Explanation]:
-    """Every single cause that was tried: attitudes and columns, and those that all methods try.
+def causes(
+    poses: Poses, model: Model, fit: Fit, recording: Recording, *, fits: bool
+) -> list[Explanation]:
+    """Every single cause that was tried: attitudes and columns, and those that all methods try of
+    what a fit leaves.
 
     Attitudes and columns that leave an implausible sensitivity of a triad are left out.
+
+    Args:
+        poses: of known attitude.
+        model, fit: of their means.
+        recording: that the poses are of.
+        fits: whether the fit leaves nothing, and only its sensitivity is implausible.
     """
     tried, sensor = list(_attitudes(poses, model)), poses.sensor
     if len(sensor.axes) == 3:
         tried += _columns(poses, model)
         tried = [t for t in tried if is_plausible(fitted_sensitivity(t[1], sensor.name))]
     found = [e for e, _ in tried]
+    if fits:
+        return found
     return [*found, *misfit_of_poses(poses, model, fit, recording).explanations()]
 
 
@@ -120,9 +127,7 @@ def _columns(poses: Poses, model: Model) -> Iterator[tuple[Explanation, Fit]]:
             references=poses.references.of(columns, signs),
         )
         part, _ = solve(other, model)
-        named = columns_in_words(order, signs)
-        words = f"the columns x, y, z hold the axes {named}: swapped, or of another sign"
-        yield explanation(words, part, 47), part
+        yield explanation(exchanged_words(order, signs), part, 47), part
 
 
 def known_attitude_tests(poses: Poses, model: Model, fit: Fit, recording: Recording) -> list[Test]:
@@ -140,20 +145,15 @@ def known_attitude_tests(poses: Poses, model: Model, fit: Fit, recording: Record
     if DRIFT not in model.terms:
         tests.append(slope_test(poses))
     triad = len(poses.sensor.axes) == 3
-    linear = triad and {"scale", "cross_axis"} <= set(model.terms) and not fit.dropped
     plausible = True
-    if linear:
-        M = fitted_sensitivity(fit, poses.sensor.name)
+    if {"scale", "cross_axis"} <= set(model.terms) and not fit.dropped:
+        M = fitted_sensitivity(fit, poses.sensor.name, poses.sensor.axes)
         plausible = is_plausible(M)
-        tests += [unit_test(poses.sensor, np.diag(M), unit), _order_test(M)]
+        tests += [unit_test(poses.sensor, common_gain(M), unit), order_test(M)]
     if not tests[0].passed or not plausible:
-        tests.append(cause_test(causes(poses, model, fit, recording), recording.source))
+        tried = causes(poses, model, fit, recording, fits=tests[0].passed)
+        tests.append(cause_test(tried, recording.source))
     return [*tests, _faces_complete(poses)] if triad else tests
-
-
-def _order_test(M: Array) -> Test:
-    """Does every channel follow its own axis, whatever the unit?"""
-    return order_test(M / gain(M))
 
 
 def _second_order(poses: Poses, model: Model, fit: Fit) -> list[Test]:

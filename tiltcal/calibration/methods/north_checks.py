@@ -160,7 +160,7 @@ def _earth_rate_test(
     causes = ": the latitude, the FOG's scale factor, its input_axis or its unit is another"
     found = [replace(test, statement=words + causes)]
     if size > SEEN * sigma:
-        found.append(unit_test(fog, np.array([size / expected]), unit))
+        found.append(unit_test(fog, size / expected, unit))
     return found
 
 

@@ -29,7 +29,7 @@ from tiltcal.calibration.methods.thermal import thermal
 from tiltcal.calibration.methods.two_position import two_position
 from tiltcal.calibration.parameter_units import in_our_units
 from tiltcal.calibration.result import Calibration, load_calibration, require_finite
-from tiltcal.calibration.screen.data import findings_of
+from tiltcal.calibration.screen.data import findings_of, without_causes
 from tiltcal.calibration.screen.limiter import limiter_tests
 from tiltcal.calibration.validity import threshold_test
 from tiltcal.core.errors import TiltcalError, nearest
@@ -157,6 +157,7 @@ def calibrate(
         require_finite(result, recording.source)
     if ours:
         result = judge_determination(judge_limits(result, recording, bare), bare)
+        result = replace(result, tests=without_causes(result.tests))
     found = _stated(result if ours else in_our_units(result, bare), bare, recording)
     stated = {k: v for k, v in options.items() if k != "segments" and v is not None}
     return replace(

@@ -89,7 +89,7 @@ def two_position(
     tests = [*_tests(fit, reversal, len(poses)), *live]
     if len(used.axes) == 3:
         length = np.median(np.linalg.norm(poses.means, axis=1)) / setup.site.gravity
-        tests.append(unit_test(used, np.array([length]), recording.sensor(used).units[0]))
+        tests.append(unit_test(used, float(length), recording.sensor(used).units[0]))
     tests.append(_still(shown, found))
     if estimator == "median":
         tests.append(_sticky(found, poses, codes))

@@ -62,29 +62,52 @@ def columns_in_words(order: tuple[int, ...], signs: tuple[int, ...]) -> str:
     return ", ".join(f"{'-' if s < 0 else ''}{AXES[i]}" for s, i in zip(signs, order, strict=True))
 
 
-def order_test(M: Array) -> Test:
-    """Does every channel of a sensitivity matrix respond mostly to its own axis? M: (3, 3), near
-    the identity.
+def exchanged_words(order: tuple[int, ...], signs: tuple[int, ...]) -> str:
+    """A sentence on columns that do not hold their own axes.
+
+    Args:
+        order: the column that holds each axis.
+        signs: of that column.
     """
+    held = tuple(order.index(i) for i in range(len(order)))
+    named = columns_in_words(held, tuple(signs[k] for k in held))
+    columns = ", ".join(AXES[: len(order)])
+    return f"the columns {columns} hold the axes {named}: swapped, or of another sign"
+
+
+def common_gain(M: Array) -> float:
+    """The common gain of a sensitivity matrix, whatever the order and signs of its columns: the
+    root of its determinant's size. M: (k, k).
+    """
+    return float(max(abs(np.linalg.det(M)), 1e-300) ** (1 / len(M)))
+
+
+def order_test(M: Array) -> Test:
+    """Does every channel of a sensitivity matrix respond mostly to its own axis, whatever the unit?
+    M: (k, k).
+    """
+    M = M / common_gain(M)
+    axes = np.arange(len(M))
     strongest = np.abs(M).argmax(axis=1)
-    signs = np.sign(M[np.arange(3), strongest]).astype(int)
-    ok = bool(np.all(strongest == np.arange(3)) and np.all(signs > 0))
+    signs = np.sign(M[axes, strongest]).astype(int)
+    ok = bool(np.all(strongest == axes) and np.all(signs > 0))
     words = "each column follows its own axis"
-    if not ok:
-        columns = columns_in_words(tuple(strongest.tolist()), tuple(signs.tolist()))
-        words = f"the columns x, y, z follow the axes {columns}: swapped, or of another sign"
-    return threshold_test("columns as named", np.abs(M - np.eye(3)).max(), ok, words)
+    if len(set(strongest.tolist())) < len(M):
+        words = f"two columns follow the axis {AXES[int(np.bincount(strongest).argmax())]}"
+    elif not ok:
+        order = np.argsort(strongest)
+        words = exchanged_words(tuple(order.tolist()), tuple(signs[order].tolist()))
+    return threshold_test("columns as named", np.abs(M - np.eye(len(M))).max(), ok, words)
 
 
-def unit_test(sensor: Sensor, gains: Array, unit: str) -> Test:
+def unit_test(sensor: Sensor, gain: float, unit: str) -> Test:
     """Is the column in the unit that its name states? Fails where the gain is far from one.
 
     Args:
         sensor: which.
-        gains: reading over what acts, of each channel, (k,).
+        gain: reading over what acts.
         unit: of the column.
     """
-    ratio = float(np.exp(np.mean(np.log(np.maximum(np.abs(gains), 1e-300)))))
-    doubt = unit_doubt(ratio, unit, sensor.name)
-    words = doubt or f"the gain of {sensor.name} is {ratio:.4g}"
-    return threshold_test("unit", ratio, doubt is None, words)
+    doubt = unit_doubt(gain, unit, sensor.name)
+    words = doubt or f"the gain of {sensor.name} is {gain:.4g}"
+    return threshold_test("unit", gain, doubt is None, words)

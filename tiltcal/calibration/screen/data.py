@@ -15,6 +15,8 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import find_segments
 from tiltcal.setup.sensor import Sensor
 
+GUESSES = ("cause", "unit", "columns as named", "second order")
+"""Beginnings of the names of tests that infer what is wrong with the readings from a fit."""
 OF_MEANS = ("dead", "equal_columns")
 """Checks that say something of a table of means."""
 
@@ -52,7 +54,7 @@ def data_tests(
         used = used or (temperature and finding.column.startswith("temperature_"))
         if used and check.answer == "refused":
             raise TiltcalError(
-                f"{recording.source}, column {finding.column}",
+                recording.source,
                 found=finding.statement,
                 need="readings within its range",
                 do="lower the gain, level the base or turn slower, and record again",
@@ -66,6 +68,16 @@ def data_tests(
         text = f"{len(CHECKS)} checks found no fault in what is used of {names}"
         tests.insert(0, threshold_test(f"data of {names}", 0, True, text))
     return tests
+
+
+def without_causes(tests: Sequence[Test]) -> list[Test]:
+    """The tests without those that guess a cause where the readings themselves are at fault: that
+    is the cause.
+    """
+    of_data = tuple(f" {check.test}" for check in CHECKS)
+    if all(t.passed or not t.name.endswith(of_data) for t in tests):
+        return list(tests)
+    return [t for t in tests if t.passed or not t.name.startswith(GUESSES)]
 
 
 def findings_of(recording: Recording, sensors: Sequence[Sensor]) -> list[Finding]:

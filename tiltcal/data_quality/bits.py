@@ -15,6 +15,7 @@ from tiltcal.data_quality.flat import at_least
 from tiltcal.data_quality.log import CHANCE, FLAT, Channel, Log
 
 FINEST = 2.0**-16  # of the range of the readings: no smaller bit is looked for
+FINEST_COMPUTED = 2.0**-14  # the same of readings on no grid, which only a simulation makes
 # cells of the histogram in the smallest bit, and codes: a smaller one is lost in noise
 IN_A_BIT = 4
 # of the file in the smallest bit: what rounds a coarse code to so few looks like half a cycle
@@ -42,7 +43,7 @@ class StuckBit(Check):
         for c in log.readings:
             if c.is_coarse or (c.repeats.any() and c.repeat_chance > FLAT):
                 continue
-            if (bit := stuck_bit(c.read)) is not None:
+            if (bit := stuck_bit(c.read, FINEST if c.lsb else FINEST_COMPUTED)) is not None:
                 words = (
                     f"{c.name}: the bit worth {bit:.4g} is never set: half of all codes are missing"
                 )
@@ -105,27 +106,31 @@ def _register(c: Channel) -> tuple[int, Mask] | None:
     return bits, np.asarray(c.read >= high)
 
 
-def stuck_bit(values: Array) -> float | None:
-    """The bit that is never set in these values, (n,), in their unit: codes in two's complement, or
+def stuck_bit(values: Array, finest: float = FINEST) -> float | None:
+    """The bit that is never set in these values, in their unit: codes in two's complement, or
     magnitudes with a sign.
+
+    Args:
+        values: (n,).
+        finest: no smaller bit is looked for, of the range of the values.
     """
     one = np.ones(len(values))
     for codes, sign in (
         ((values, one), (np.abs(values), np.sign(values))) if values.min() < 0 else ((values, one),)
     ):
-        if (bit := _never_set(codes, sign)) is not None:
+        if (bit := _never_set(codes, sign, finest)) is not None:
             return bit
     return None
 
 
-def _never_set(values: Array, sign: Array) -> float | None:
+def _never_set(values: Array, sign: Array, finest_bit: float) -> float | None:
     """The bit, if a bit of floor(values / bit) is 0 in more cycles, of either sign, than chance
     allows.
     """
     from scipy.fft import next_fast_len, rfft
 
     span, width = float(np.ptp(values)), lsb_width(values)
-    cell = max(width, FINEST * span / IN_A_BIT)
+    cell = max(width, finest_bit * span / IN_A_BIT)
     if len(values) < LEAST or width == 0 or span < 2 * CYCLES * IN_A_BIT * cell:
         return None
     taken = _taken(values, cell)

@@ -260,9 +260,10 @@ def _sensor(s: SensorGuess) -> list[str]:
 def _input_line(s: SensorGuess) -> str:
     """How raw readings become SI; a comment to fill in where the recording does not state it."""
     if not s.zero:
+        slope = {"gyro": "per_deg_s", "fog": "per_deg_s", "inclinometer": "per_deg"}
         return (
-            f'# input = {{ unit = "{s.unit}", zero = 0, per_m_s2 = 1000 }}   # fill in: value ='
-            " (raw - zero) / per"
+            f'# input = {{ unit = "{s.unit}", zero = 0, {slope.get(s.kind, "per_m_s2")} = 1000 }}'
+            "   # fill in: value = (raw - zero) / per"
         )
     zero = ", ".join(f"{x:.6g}" for x in s.zero)
     return f'input = {{ unit = "{s.unit}", zero = [{zero}], per_m_s2 = {s.per_m_s2:.6g} }}'

@@ -131,7 +131,9 @@ def _never_set(values: Array, sign: Array, finest_bit: float) -> float | None:
 
     span, width = float(np.ptp(values)), lsb_width(values)
     cell = max(width, finest_bit * span / IN_A_BIT)
-    if len(values) < LEAST or width == 0 or span < 2 * CYCLES * IN_A_BIT * cell:
+    if len(values) < LEAST or width == 0 or not np.isfinite(span / width):
+        return None
+    if span < 2 * CYCLES * IN_A_BIT * cell:
         return None
     taken = _taken(values, cell)
     n = next_fast_len(4 * len(taken), real=True)

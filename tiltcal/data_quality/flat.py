@@ -234,7 +234,7 @@ def _repeated_on_all(channels: Sequence[Channel], expected: dict[str, float]) ->
         return None
     if not all(c.repeats.any() for c in channels):
         return None
-    rows = np.flatnonzero(reduce(np.logical_and, (~np.isnan(c.values) for c in channels)))
+    rows = np.flatnonzero(reduce(np.logical_and, (np.isfinite(c.values) for c in channels)))
     values = np.column_stack([c.values[rows] for c in channels])
     again, later = (np.all(values[k:] == values[:-k], axis=1) for k in (1, 2))
     chance = max(float(np.prod(list(expected.values()))), float(later.mean()))

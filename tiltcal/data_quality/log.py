@@ -33,7 +33,7 @@ class Channel:
 
     Args:
         name: with its unit.
-        values: as written, (n,), NaN where it was not sampled.
+        values: as written, (n,); what is not finite was not sampled.
         limit: stated end of the range of the readings, in the unit of the column; None: unknown.
     """
 
@@ -44,7 +44,7 @@ class Channel:
     @cached_property
     def rows(self) -> Index:
         """Rows on which it was sampled, (m,)."""
-        return np.flatnonzero(~np.isnan(self.values))
+        return np.flatnonzero(np.isfinite(self.values))
 
     @cached_property
     def read(self) -> Array:

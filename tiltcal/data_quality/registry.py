@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from tiltcal.data_quality.bits import SignNotExtended, StuckBit
 from tiltcal.data_quality.check import Check, Finding
 from tiltcal.data_quality.flat import Clipped, Coarse, Frozen, SentTwice
@@ -55,7 +57,8 @@ def inspect_log(log: Log) -> Inspection:
     findings: list[Finding] = []
     explained: frozenset[str] = frozenset()
     for check in CHECKS:
-        found = check.find(log.without(explained))
+        with np.errstate(all="ignore"):  # readings may be as large as numbers are
+            found = check.find(log.without(explained))
         if not found:
             continue
         findings += found

@@ -27,7 +27,7 @@ class Missing(Check):
             if len(c.rows) not in (0, len(c.values)) and not _at_slower_rate(c):
                 alike.setdefault(c.rows.tobytes(), []).append(c)
         for channels in alike.values():
-            rows = np.flatnonzero(np.isnan(channels[0].values))
+            rows = np.flatnonzero(~np.isfinite(channels[0].values))
             columns = tuple(c.name for c in channels)
             yield self.finding(columns, rows, f"{', '.join(columns)}: no value, {in_rows(rows)}")
 

@@ -12,11 +12,21 @@ from tiltcal.recordings.formats.raw_table import Raw, RawFile
 from tiltcal.recordings.formats.unit_words import bare_name, stated_unit, unit_of
 
 _ROLES = (
+    (
+        "command",
+        r"cmd|command|set_?point|desired|target|demand|motor|(^|_)esc(_|$|\d)|thr(ottle)?(_|$)|pwm"
+        r"|servo|(^|_)rc_?(in|out)|torque|effort|actuator",
+    ),
+    (
+        "estimate",
+        r"filt|smooth|kalman|(^|_)ekf|estim|fused|fusion|(^|_)est(_|$)|predict|(^|_)bias|(^|_)std"
+        r"|sigma|variance|residual|innov|(^|_)mean(_|$)|(^|_)avg",
+    ),
     ("free", r"free_?acc|lin_?acc(?!el)|gravity_?free|user_?acc"),
     ("time", r"time(stamp)?|^t$|stamp|^sec(ond)?s?$|^utc|epoch|^date|^zeit|^received$|时间"),
     (
         "counter",
-        r"count|packet|(^|_)n?_?samples?(_?(no|num|index))?$|(^|_)index|(^|_)seq|^n$",
+        r"count|packet|instance|(^|_)i(_?d)?$|(^|_)n?_?samples?(_?(no|num|index))?$|(^|_)index|(^|_)seq|^n$",
     ),
     ("quaternion", r"quat|orientation|(^|_)q_?[0-3wxyz]$"),
     ("covariance", r"covariance"),
@@ -29,13 +39,24 @@ _ROLES = (
     ("fog", r"(^|_)fog"),
     ("incl", r"incl|tilt_?meter|(^|_)level|倾角"),
     ("temperature", r"temp|温度"),
-    ("status", r"status|state|flag|valid|error|mode|frame_id|clipp"),
-    ("other", r"press|baro|humid|alt|volt|current|batt|gps|lat(itude)?$|lon(gitude)?$|device_id"),
+    (
+        "status",
+        r"status|state|flag|valid|error|mode|frame_id|clipp|event|trigger|sync|marker|button|armed"
+        r"|alarm|quality|crc|checksum|parity",
+    ),
+    (
+        "other",
+        r"press|baro|humid|alt|volt|current|batt|gps|lat(itude)?$|lon(gitude)?$|device_id|speed"
+        r"|veloc|(^|_)vel(_|$)|distance|range",
+    ),
     ("label", r"label|pose|position_?name|note|comment"),
     ("outer", r"outer"),
     ("middle", r"middle"),
     ("inner", r"inner"),
-    ("angle", r"angle|azim|elev|encoder|table|turn|axis|tilt|yaw|roll|pitch|head|posit|角度|转台"),
+    (
+        "angle",
+        r"angle|winkel|teilkopf|drehtisch|azim|elev|encoder|table|turn|axis|tilt|yaw|roll|pitch|head|posit|角度|转台",
+    ),
 )
 _PATTERNS = tuple((role, re.compile(pattern)) for role, pattern in _ROLES)
 _AXIS = re.compile(r"(?:^|_)([xyz])(?:_|$)|(?<=[a-z])([xyz])$|([xyzXYZ])轴?$")
@@ -95,6 +116,14 @@ _BY_UNIT = dict.fromkeys(("m_s2", "g", "mg", "ug", "gal"), "accel") | dict.fromk
     ("rad_s", "deg_s", "deg_h"), "gyro"
 )
 """Role of a column whose name states an axis and a unit only."""
+ANGLES = ("deg", "rad", "arcsec")
+REMARKS = {
+    "command": "a command, no reading",
+    "estimate": "an estimate or the output of a filter, no reading",
+    "quaternion": "a quaternion",
+    "free": "an acceleration without gravity",
+}
+"""Why columns of some roles are left out."""
 _MOSTLY = 0.9  # share of numbers among the filled cells of a channel
 
 
@@ -153,6 +182,8 @@ def channels_of(file: RawFile, decimal: str = "point") -> tuple[list[Channel], l
             meaning = Meaning("", "", "") if numbered else meaning_of(name, table.name)
             if not meaning.role and meaning.axis:
                 meaning = replace(meaning, role=_BY_UNIT.get(stated or "", ""))
+            if not meaning.role and stated in ANGLES:
+                meaning = replace(meaning, role="angle")
             shown = f"column {k + 1}" if by_number else name
             raw, fault = _mended(raw, shown, decimal)
             faults += fault

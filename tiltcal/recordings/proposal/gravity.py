@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.recordings.proposal.rests import Windows
 
 NORMS = {"m_s2": 9.80665, "g": 1.0, "mg": 1000.0, "ug": 1.0e6}
@@ -36,6 +37,26 @@ def norm_at_rest(windows: Windows) -> tuple[float, float]:
     middle = float(np.median(norms))
     low, high = np.quantile(norms, [0.1, 0.9])
     return middle, float(high - low) / middle if middle > 0 else np.inf
+
+
+ROUND = 0.03  # relative: standstill means of a triad in counts lie on a sphere as nearly
+MIN_MEANS = 6  # distinct ones that a sphere takes
+
+
+def sphere_through(points: Array) -> tuple[Array, float] | None:
+    """Centre and radius of the sphere through points, (m, 3); None where they lie on none."""
+    distinct = np.unique(np.round(points / max(float(np.ptp(points)), 1e-30), 1), axis=0)
+    if len(distinct) < MIN_MEANS:
+        return None
+    A = np.column_stack([2 * points, np.ones(len(points))])
+    x, _, rank, _ = np.linalg.lstsq(A, (points**2).sum(axis=1), rcond=None)
+    centre = x[:3]
+    squared = float(x[3] + centre @ centre)
+    if rank < 4 or squared <= 0:
+        return None
+    radius = float(np.sqrt(squared))
+    off = np.linalg.norm(points - centre, axis=1) / radius - 1
+    return (centre, radius) if float(np.sqrt(np.mean(off**2))) < ROUND else None
 
 
 def unit_by_norm(windows: Windows | None, stated: str, whole: bool) -> UnitGuess:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.data_quality.check import Finding
+from tiltcal.core.units import split_unit
+from tiltcal.data_quality.check import Finding, in_words
 from tiltcal.data_quality.log import Log
 from tiltcal.data_quality.registry import inspect_log
 from tiltcal.recordings.formats.bad_lines import find_bad_lines
@@ -22,8 +23,10 @@ from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.formats.registry import TEXT, format_of
 from tiltcal.recordings.formats.text import text_dialect
 from tiltcal.recordings.mapping import FileLayout
-from tiltcal.recordings.proposal.channels import Channel, channels_of
+from tiltcal.recordings.proposal.channels import ANGLES, REMARKS, Channel, channels_of
 from tiltcal.recordings.proposal.gravity import norm_at_rest
+from tiltcal.recordings.proposal.pairs import find_pairs, follows
+from tiltcal.recordings.proposal.rests import is_measured
 from tiltcal.recordings.proposal.sensors import (
     Sensor,
     Triad,
@@ -227,12 +230,17 @@ def _proposal(
     used = {id(c) for s in sensors for c in s.triad.channels}
     columns += _angles(table, angles)
     used |= {id(c.channel) for c in columns}
-    others, doubts = find_others([c for c in remaining if id(c) not in used])
+    paired, doubts = _pairs([c for c in remaining if id(c) not in used], columns)
+    columns += paired
+    used |= {id(c.channel) for c in columns}
+    others, more = find_others([c for c in remaining if id(c) not in used])
     columns += [ColumnGuess(*o) for o in others]
+    doubts += more
     columns += [ColumnGuess(*o) for o in find_labels([c for c in remaining if id(c) not in used])]
     if not columns:
         raise _nothing(file)
     used |= {id(c.channel) for c in columns}
+    doubts += _unexplained([c for c in remaining if id(c) not in used])
     tables = list(dict.fromkeys(c.channel.table for c in columns))
     return MappingProposal(
         file.source,
@@ -246,6 +254,41 @@ def _proposal(
         _doubts(dialect, [times[name] for name in tables], sensors, table, doubts),
         [*(f for t in file.tables for f in find_bad_lines(t)), *_findings(columns, times)],
     )
+
+
+def _pairs(
+    remaining: Sequence[Channel], columns: Sequence[ColumnGuess]
+) -> tuple[list[ColumnGuess], list[str]]:
+    """Two-axis sensors that follow an angle of the table, or have one in their name; and what
+    cannot be known of them.
+    """
+    angles = [c for c in columns if c.to.startswith("table_") and not c.to.endswith("?")]
+    found: list[ColumnGuess] = []
+    doubts: list[str] = []
+    for pair in find_pairs(remaining):
+        near = [a for a in angles if len(a.channel.raw) == len(pair[0].raw)]
+        read = [a for a in near if follows(pair, a.channel, str(split_unit(a.to)[1]))]
+        in_angle = all(c.unit in ANGLES for c in pair)
+        if not (read or in_angle or pair[0].meaning.role == "incl"):
+            continue
+        name = f"incl{len(found) // 2 + 1}" if found else "incl"
+        reason = f"one of two axes follows {read[0].channel.name}" if read else "its name or unit"
+        for c, axis in zip(pair, "xy", strict=True):
+            unit = c.unit or ("LSB" if c.whole else "?")
+            found.append(ColumnGuess(c, f"{name}_{axis}_{unit}", reason))
+        if not in_angle:
+            doubts.append(f"{name}: its zero and scale, and whether it reads the tilt or its sine")
+    return found, doubts
+
+
+def _unexplained(channels: Sequence[Channel]) -> list[str]:
+    """Columns that vary as readings do, and that nothing explains."""
+    unknown = [
+        c.name
+        for c in channels
+        if c.numeric and c.meaning.role in ("", "angle") and is_measured(c.values[:, None])
+    ]
+    return [f"what {in_words(unknown)} hold: no name, unit or motion says"] if unknown else []
 
 
 def _table(
@@ -296,7 +339,8 @@ def _left_out(channels: Sequence[Channel], triads: Sequence[Triad]) -> list[str]
         if id(c) in unknown:
             what = "cannot know: accelerometer or magnetometer"
         else:
-            what = c.meaning.role or ("text" if not c.numeric else "not recognised")
+            role = REMARKS.get(c.meaning.role, c.meaning.role)
+            what = role or ("text" if not c.numeric else "not recognised")
         entries.append(f"{c.table + ': ' if c.table else ''}{c.name} ({what})")
     return entries
 

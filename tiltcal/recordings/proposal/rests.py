@@ -8,6 +8,9 @@ from tiltcal.core.arrays import Array, Mask
 
 _WINDOWS = 4000  # at most so many are looked at
 _LEAST = 8  # rows of a window
+_VALUES = 8  # different ones that a sensor reads at least: flags and commands have fewer
+_NOISY = 0.2  # share of the rows that do not go on as before: steps and ramps do
+_UNIT = 0.02  # of the noise of a component: the norm of a unit vector has only its rounding
 _QUIET = 2.0  # times the noise of the quietest tenth
 
 
@@ -69,6 +72,25 @@ def windows_of(values: Array, rate: float | None) -> Windows | None:
     quiet = spread <= max(_QUIET * quietest, float(spread.min()))
     noise = float(np.median(spread[quiet])) / np.sqrt(values.shape[1])
     return Windows(cut.mean(axis=1), quiet, noise, size)
+
+
+def is_measured(values: Array) -> bool:
+    """Whether columns are what a sensor reads: each has many values and noise, and together they
+    are no unit vector or quaternion.
+
+    Args:
+        values: (n, k).
+    """
+    values = values[np.isfinite(values).all(axis=1)]
+    if len(values) < _LEAST:
+        return False
+    second = np.diff(values, 2, axis=0)
+    if np.mean(second != 0, axis=0).min() < _NOISY:
+        return False
+    if min(len(np.unique(v)) for v in values.T) < _VALUES:
+        return False
+    length = np.diff(np.linalg.norm(values, axis=1), 2)
+    return bool(length.std() > _UNIT * second.std(axis=0).min())
 
 
 def apart(windows: Windows) -> float:

@@ -9,10 +9,20 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.recordings.proposal.channels import Channel
-from tiltcal.recordings.proposal.gravity import UnitGuess, norm_at_rest, unit_by_norm
-from tiltcal.recordings.proposal.rests import Windows, apart, moves, windows_of
+from tiltcal.recordings.proposal.gravity import (
+    NORMS,
+    UnitGuess,
+    norm_at_rest,
+    sphere_through,
+    unit_by_norm,
+)
+from tiltcal.recordings.proposal.rests import Windows, apart, is_measured, moves, windows_of
 from tiltcal.recordings.proposal.turning import Turning, follow, unit_of_gyro
 
+_FOREIGN = ("deg", "rad", "arcsec", "degC", "kelvin", "degF", "s", "ms", "us", "ns", "other")
+"""Units that no triad of accelerometers or gyros has."""
+_FREE = 0.05  # of gravity: a smaller norm at rest is none
+_NAMED = ("accel", "gyro", "magnetometer", "free")
 _EVEN = 0.12  # relative spread of the norm of gravity over the standstills
 # of standstill means that depend on the attitude; that are all alike
 _ATTITUDE, _ALIKE = 0.25, 0.05
@@ -71,6 +81,7 @@ def find_triads(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
     named = _named(channels, rate)
     taken = {id(c) for t in named for c in t.channels}
     remaining = [c for c in channels if id(c) not in taken and c.numeric and c.meaning.role == ""]
+    remaining = [c for c in remaining if c.unit not in _FOREIGN]
     by_axis = _axes_only(remaining, rate)
     taken |= {id(c) for t in by_axis for c in t.channels}
     unnamed = _unnamed([c for c in remaining if id(c) not in taken], rate)
@@ -78,21 +89,33 @@ def find_triads(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
 
 
 def _borne_out(named: Sequence[Triad], seen: Sequence[Triad], rate: float | None) -> list[Triad]:
-    """All triads, less those without an informative name whose numbers do not suffice: a gyro
-    without counts that gravity does not follow, an accelerometer without counts or a known norm.
+    """All triads; of those without an informative name the kind is kept where their numbers bear it
+    out: gravity in a unit or on a sphere, and rates that gravity follows.
     """
     accel = [t for t in (*named, *seen) if t.kind == "accel"]
     kept = []
     for t in seen:
-        if t.kind == "accel" and not t.whole:
-            good = bool(unit_by_norm(t.windows, "", t.whole).unit)
-        elif t.kind == "gyro" and not t.whole:
-            turnings = [_turning(a, t, rate) for a in accel if len(a.values) == len(t.values)]
-            good = any(turning is not None and turning.fits for turning in turnings)
+        beside = [a for a in accel if len(a.values) == len(t.values)]
+        if t.kind == "accel":
+            good = unit_by_norm(t.windows, "", t.whole).unit not in ("", "LSB")
+            good = good or (t.whole and _like_gravity(t))
+        elif t.kind == "gyro" and (beside or not t.whole):
+            turnings = [_turning(a, t, rate) for a in beside]
+            # without enough motion counts are what their standstills say
+            still = t.whole and not any(turn is not None and turn.enough for turn in turnings)
+            good = still or any(turn is not None and turn.fits for turn in turnings)
         else:
             good = True
         kept.append(t if good else replace(t, kind=""))
     return [*named, *kept]
+
+
+def _like_gravity(triad: Triad) -> bool:
+    """Whether the standstill means of counts lie on a sphere, or keep their norm."""
+    if triad.windows is None:
+        return False
+    even = norm_at_rest(triad.windows)[1] < _EVEN and moves(triad.windows)
+    return even or sphere_through(triad.windows.at_rest) is not None
 
 
 def _axes_only(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
@@ -117,22 +140,32 @@ def _axes_only(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
 def _named(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
     groups: dict[tuple[str, str], dict[str, Channel]] = {}
     for c in channels:
-        if c.numeric and c.meaning.axis and c.meaning.role in ("accel", "gyro", "magnetometer"):
+        if c.numeric and c.meaning.axis and c.meaning.role in _NAMED:
             groups.setdefault((c.meaning.role, c.meaning.group), {}).setdefault(c.meaning.axis, c)
     found = []
     for (role, _), axes in groups.items():
         if len(axes) == 3:
             three = tuple(axes[a] for a in "xyz")
             values = np.column_stack([c.values for c in three])
-            found.append(Triad(role, three, "its name", True, windows_of(values, rate)))
+            triad = Triad(role, three, "its name", True, windows_of(values, rate))
+            found += [triad] if role != "free" else _with_gravity(triad)
     return found
 
 
+def _with_gravity(triad: Triad) -> list[Triad]:
+    """An accelerometer, if columns that are named free of gravity hold it."""
+    seen = unit_by_norm(triad.windows, triad.stated, triad.whole)
+    if seen.unit not in NORMS or not is_measured(triad.values):
+        return []
+    return [replace(triad, kind="accel", reason="its norm at rest is gravity, whatever its name")]
+
+
 def _together(three: Sequence[Channel], rate: float | None) -> Windows | None:
-    """The windows of three columns that were sampled in the same rows."""
+    """The windows of three columns that were sampled in the same rows, and measured."""
     values = np.column_stack([c.values for c in three])
     known = np.isfinite(values)
-    return windows_of(values, rate) if np.all(known.all(axis=1) == known.any(axis=1)) else None
+    together = bool(np.all(known.all(axis=1) == known.any(axis=1)))
+    return windows_of(values, rate) if together and is_measured(values) else None
 
 
 def _unnamed(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
@@ -183,9 +216,18 @@ def _only_one_gravity(found: list[Triad]) -> list[Triad]:
 
 def _without_free(triads: Sequence[Triad]) -> list[Triad]:
     """Without accelerations free of gravity, where another triad includes it."""
+    triads = [t for t in triads if t.kind != "accel" or not _is_free(t)]
     accel = [t for t in triads if t.kind == "accel"]
     holding = [t for t in accel if t.stated or unit_by_norm(t.windows, "", t.whole).unit]
     return [t for t in triads if t.kind != "accel" or t in holding or not holding]
+
+
+def _is_free(triad: Triad) -> bool:
+    """Whether the norm at rest of an accelerometer in a unit is far below gravity."""
+    if triad.windows is None or triad.whole:
+        return False
+    gravity = NORMS.get(triad.stated, min(NORMS.values()))
+    return norm_at_rest(triad.windows)[0] < _FREE * gravity
 
 
 def with_units(triads: Sequence[Triad], rates: Mapping[str, float | None]) -> list[Sensor]:

@@ -6,7 +6,8 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import COLUMN_UNITS, split_unit
-from tiltcal.recordings.proposal.gravity import NORMS, unit_by_norm
+from tiltcal.recordings.proposal.channels import meaning_of
+from tiltcal.recordings.proposal.gravity import NORMS, sphere_through, unit_by_norm
 from tiltcal.recordings.proposal.rests import windows_of
 from tiltcal.recordings.proposal.turning import follow, unit_of_gyro
 from tiltcal.recordings.recording import Recording
@@ -29,8 +30,8 @@ KINDS = {
     "rate": "gyro",
     "raw": "accelerometer",
 }  # sensor kind by quantity of the unit
-ROUND = 0.03  # relative: standstill means of a triad in counts lie on a sphere as nearly
-MIN_MEANS = 6  # distinct ones that a sphere takes
+BY_NAME = {"gyro": "gyro", "incl": "inclinometer", "accel": "accelerometer"}
+"""Kind of a sensor of raw readings by what its name says."""
 SHOWN = 3  # other rigs that gravity does not exclude
 
 
@@ -99,12 +100,18 @@ def _columns(recording: Recording) -> dict[str, tuple[list[str], str]]:
 
 
 def _sensor(recording: Recording, name: str, axes: list[str], unit: str) -> SensorGuess:
-    kind = "fog" if axes == ["a"] else KINDS[COLUMN_UNITS[unit].quantity]
+    quantity = COLUMN_UNITS[unit].quantity
+    kind = "fog" if axes == ["a"] else KINDS[quantity]
+    role = meaning_of(f"{name}_{axes[0]}").role
+    if quantity == "raw" and role in BY_NAME:
+        kind = BY_NAME[role]
     sampled = recording.time[np.isfinite(recording.column(f"{name}_{axes[0]}_{unit}"))]
     steps = np.diff(sampled)
     onward = steps[steps > 0]
     rate = 1 / float(np.median(onward)) if len(onward) else 1.0
     reason = "one axis a" if kind == "fog" else f"its columns are in {unit}"
+    if quantity == "raw":
+        reason = f"its name; {reason}" if role in BY_NAME else reason
     return SensorGuess(name, kind, tuple(axes), unit, rate, reason)
 
 
@@ -133,7 +140,7 @@ def _accelerometer(recording: Recording, guess: SensorGuess, gravity: float) -> 
         return replace(
             guess, reason=f"{guess.reason}; {seen.reason or 'gravity contradicts'}", doubts=doubts
         )
-    sphere = None if windows is None else _sphere(windows.at_rest)
+    sphere = None if windows is None else sphere_through(windows.at_rest)
     if sphere is None:
         doubt = f"zero and scale of {guess.name}: its dwell means lie on no sphere; fill in `input`"
         return replace(guess, doubts=(doubt,))
@@ -153,22 +160,6 @@ def _gyro(recording: Recording, guess: SensorGuess, triad: SensorGuess) -> Senso
     return replace(
         guess, reason=f"{guess.reason}; {seen.reason or 'gravity contradicts'}", doubts=doubts
     )
-
-
-def _sphere(points: Array) -> tuple[Array, float] | None:
-    """Centre and radius of the sphere through points, (m, 3); None where they lie on none."""
-    distinct = np.unique(np.round(points / max(float(np.ptp(points)), 1e-30), 1), axis=0)
-    if len(distinct) < MIN_MEANS:
-        return None
-    A = np.column_stack([2 * points, np.ones(len(points))])
-    x, _, rank, _ = np.linalg.lstsq(A, (points**2).sum(axis=1), rcond=None)
-    centre = x[:3]
-    squared = float(x[3] + centre @ centre)
-    if rank < 4 or squared <= 0:
-        return None
-    radius = float(np.sqrt(squared))
-    off = np.linalg.norm(points - centre, axis=1) / radius - 1
-    return (centre, radius) if float(np.sqrt(np.mean(off**2))) < ROUND else None
 
 
 def rig_of(recording: Recording, setup: Setup | None) -> RigGuess:

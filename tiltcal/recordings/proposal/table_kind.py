@@ -9,6 +9,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.recordings.proposal.channels import Channel
+from tiltcal.recordings.proposal.pairs import is_readout
 from tiltcal.recordings.proposal.rests import Windows, filled
 from tiltcal.recordings.rig_fit import up_in_head
 from tiltcal.setup.tables import BUILT_IN, Table
@@ -166,4 +167,7 @@ def _by_names(
     unit = units[0] if len(units) == 1 else ""
     doubt = f"the table: {why}" + ("" if unit else "; the unit of the angles")
     axes = dict(named) if len(named) == len(angles) else {}
+    if not axes and len(angles) == 1 and unit and is_readout(angles[0]):
+        reason = "an angle that stands still without noise, as a readout does"
+        return TableGuess("", {angles[0].name: "outer"}, unit, reason, doubt)
     return TableGuess("", axes, unit, "their names" if axes else "", doubt)

@@ -13,7 +13,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS, G0, split_unit
 from tiltcal.setup.sensor import Sensor
-from tiltcal.statistics.allan import NoiseModel
+from tiltcal.statistics.standstill_noise import StandstillNoise
 
 _FLOAT = 9  # MAVLink type of a parameter
 _LINEAR = ("bias_", "scale_", "cross_")
@@ -135,7 +135,7 @@ class TriadNoise:
     rate: float
 
 
-def triad_noise(models: Mapping[str, NoiseModel], quantity: str, source: str) -> TriadNoise:
+def triad_noise(models: Mapping[str, StandstillNoise], quantity: str, source: str) -> TriadNoise:
     """The noise of the first triad of that quantity.
 
     Args:
@@ -146,7 +146,7 @@ def triad_noise(models: Mapping[str, NoiseModel], quantity: str, source: str) ->
     Raises:
         TiltcalError: there is no such triad in SI-like units.
     """
-    found: dict[str, list[tuple[NoiseModel, float]]] = {}
+    found: dict[str, list[tuple[StandstillNoise, float]]] = {}
     for column, model in models.items():
         channel, word = split_unit(column)
         unit = COLUMN_UNITS[str(word)]
@@ -170,7 +170,7 @@ def triad_noise(models: Mapping[str, NoiseModel], quantity: str, source: str) ->
     )
 
 
-def _walk(model: NoiseModel) -> float:
+def _walk(model: StandstillNoise) -> float:
     """K, or the most that the longest averaging time allows."""
     if model.held["K"]:
         return model.values["K"]

@@ -139,12 +139,12 @@ def _of_effects(file: Path) -> str:
 def _of_noise(chosen: str, file: Path, topic: str, calibration: Path | None) -> str:
     from tiltcal.calibration.autopilot_exports import kalibr_yaml, sdf_imu, triad_noise
     from tiltcal.recordings.recording_files import read_recording
-    from tiltcal.recordings.rest_noise import noise_models
+    from tiltcal.recordings.rest_noise import rest_noise
 
     if file.suffix == ".json":
         raise _wrong(chosen, file, "a recording at rest", "record one: noise is seen at rest only")
     recording = read_recording(file).require_increasing()
-    models = noise_models(recording)
+    models = rest_noise(recording).models
     accel = triad_noise(models, "acceleration", recording.source)
     gyro = triad_noise(models, "rate", recording.source)
     if chosen == "kalibr":

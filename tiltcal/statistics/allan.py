@@ -1,9 +1,7 @@
-"""Allan variance of a record at standstill: Q, N, B, K, R with their uncertainty, and which slopes
-the record does not determine. ``RunningAllan`` computes the deviation of a record that comes piece
-by piece, in memory that does not grow with it.
+"""Allan variance of a record at standstill, and that of each kind of noise. ``RunningAllan``
+computes the deviation of a record that comes piece by piece, in memory that does not grow with it.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log, pi
 
@@ -23,7 +21,6 @@ NAMES = {
 # in the cache, and below what BLAS spreads over threads: waiting for them took ten times as long
 CHUNK = 1 << 13
 LEAST = 16  # samples of a record
-SIGNIFICANT = 3.0  # standard uncertainties below which a slope is not in the record
 
 
 @dataclass(frozen=True)
@@ -54,26 +51,6 @@ class AllanDeviation:
             self.freedom / np.array([chdtri(f, tail) for f in self.freedom])
         )
         return low, high
-
-
-@dataclass(frozen=True)
-class NoiseModel:
-    """Coefficients of ``s2 = 3 Q2/tau2 + N2/tau + (2 ln2/pi) B2 + K2 tau/3 + R2 tau2/2``.
-
-    Args:
-        values: of Q, N, B, K, R, in the unit of the record and seconds; 0 where the slope is not in
-            the record.
-        sigmas: standard uncertainties.
-        held: which slopes the record determines.
-        curve: what it was fitted to.
-        notes: how the record was read, where not sample by sample.
-    """
-
-    values: dict[str, float]
-    sigmas: dict[str, float]
-    held: dict[str, bool]
-    curve: AllanDeviation
-    notes: tuple[str, ...] = ()
 
 
 def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> AllanDeviation:
@@ -149,40 +126,6 @@ def slopes(tau: Array) -> Array:
     """Allan variance of each term at unit coefficient, (m, 5), in the order of TERMS."""
     return np.column_stack(
         [3 / tau**2, 1 / tau, np.full_like(tau, 2 * log(2) / pi), tau / 3, tau**2 / 2]
-    )
-
-
-def fit_noise(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> NoiseModel:
-    """Non-negative weighted least squares of the Allan variance; a term below three sigmas is left
-    out and the others re-fitted.
-    """
-    from scipy.optimize import nnls
-
-    kept = [t for t in TERMS if t in terms]
-    while True:
-        design = slopes(curve.tau)[:, [TERMS.index(t) for t in kept]]
-        squares = curve.deviation**2
-        # the weight is the variance of the estimate, which the fit itself gives best
-        for _ in range(8):
-            weight = np.sqrt(curve.freedom / 2) / squares
-            solution = nnls(design * weight[:, None], curve.deviation**2 * weight)[0]
-            squares = np.maximum(design @ solution, 1e-300)
-        covariance = np.linalg.pinv((design * weight[:, None]).T @ (design * weight[:, None]))
-        spread = np.sqrt(np.diag(covariance))
-        weakest = int(np.argmin(solution / spread))
-        if len(kept) == 1 or solution[weakest] > SIGNIFICANT * spread[weakest]:
-            break
-        kept.pop(weakest)
-    found = dict(zip(kept, np.sqrt(solution), strict=True))
-    sigma = {
-        t: float(s / (2 * found[t])) if found[t] > 0 else 0.0
-        for t, s in zip(kept, spread, strict=True)
-    }
-    return NoiseModel(
-        {t: float(found.get(t, 0.0)) for t in TERMS},
-        {t: sigma.get(t, 0.0) for t in TERMS},
-        {t: t in kept for t in TERMS},
-        curve,
     )
 
 

@@ -18,7 +18,7 @@ from tiltcal.cli import main
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.saving import write_recording
 from tiltcal.statistics import standstill_spectrum
-from tiltcal.statistics.allan import allan_deviation
+from tiltcal.statistics.allan import allan_deviation, slopes
 from tiltcal.statistics.goodness_of_fit import LEVEL, NeighbourCounts
 from tiltcal.statistics.standstill_noise import fit_noise
 from tiltcal.statistics.standstill_spectrum import POWERS, RunningSpectrum, StandstillSpectrum
@@ -202,6 +202,20 @@ def test_limits_are_those_of_the_curve_where_the_fit_fails():
     assert found.limits["B"] == pytest.approx(least)
     assert found.values["B"] > 2 * least
     assert found.effective["B"] == pytest.approx(least)
+
+
+@pytest.mark.parametrize(("white", "pink", "walk"), [(N, 0, 0), (0, N, 0), (0, 0, N)])
+def test_the_interval_of_the_curve_covers_the_truth_for_each_noise(white, pink, walk):
+    rng, draws = rng_of(f"covers {white} {pink} {walk}"), 200
+    hits = np.zeros(3)
+    for _ in range(draws):
+        found = fitted(drawn(2048, rng, white, pink, walk))
+        low, high = (end[[3, 5, 8]] for end in found.curve.interval(0.95))
+        tau = found.curve.tau[[3, 5, 8]]
+        truth = np.sqrt(slopes(tau) @ np.array([0, white, pink, walk, 0]) ** 2)
+        hits += (low <= truth) & (truth <= high)
+    # equivalent degrees of freedom: the distribution is nearly chi-square
+    assert np.all(hits >= binom.isf(1 - FALSE_ALARM, draws, 0.93)), hits
 
 
 # --------------------------------------------------------------------------------------------------

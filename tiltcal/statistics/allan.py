@@ -55,7 +55,7 @@ class AllanDeviation:
 
 def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> AllanDeviation:
     """Overlapped Allan deviation of one channel, (n,), at octave averaging times unless others are
-    given.
+    given. Its degrees of freedom are those of white noise.
 
     ``s2(tau) = sum (x_(k+2m) - 2 x_(k+m) + x_k)^2 / (2 tau^2 (N - 2m))`` with x the running
     integral.
@@ -63,8 +63,7 @@ def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> 
     Raises:
         TiltcalError: the record is shorter than 16 samples.
 
-    Source: IEEE 952 annex C; equivalent degrees of freedom for white noise after Howe, Allan and
-        Barnes (1981).
+    Source: IEEE 952 annex C.
     """
     n = len(values)
     _require_enough(n)
@@ -82,7 +81,7 @@ def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> 
 
 
 def curve_of(m: Index, variance: Array, n: int, rate_hz: float) -> AllanDeviation:
-    """The deviation of Allan variances.
+    """The deviation of Allan variances, with the degrees of freedom of white noise.
 
     Args:
         rate_hz: of the samples.
@@ -94,8 +93,8 @@ def curve_of(m: Index, variance: Array, n: int, rate_hz: float) -> AllanDeviatio
         TiltcalError: they are fewer than 16.
     """
     _require_enough(n)
-    freedom = np.maximum((3 * (n - 1) / (2 * m) - 2 * (n - 2) / n) * 4 * m**2 / (4 * m**2 + 5), 1.0)
-    return AllanDeviation(m / rate_hz, np.sqrt(variance), freedom)
+    white = freedoms(m.astype(float), n)[:, TERMS.index("N")]
+    return AllanDeviation(m / rate_hz, np.sqrt(variance), white)
 
 
 def _require_enough(n: int) -> None:
@@ -127,6 +126,25 @@ def slopes(tau: Array) -> Array:
     return np.column_stack(
         [3 / tau**2, 1 / tau, np.full_like(tau, 2 * log(2) / pi), tau / 3, tau**2 / 2]
     )
+
+
+def freedoms(m: Array, n: int) -> Array:
+    """Equivalent degrees of freedom of the overlapped Allan variance of each term, (k, 5), in the
+    order of TERMS; a ramp has those of a random walk.
+
+    Args:
+        m: samples of each averaging time, (k,).
+        n: samples of the record.
+
+    Source: Riley, Handbook of Frequency Stability Analysis, NIST SP 1065 (2008), 5.4.1, with n + 1
+        readings of the integral; after Howe, Allan and Barnes (1981).
+    """
+    x = n + 1.0
+    phase = (x + 1) * (x - 2 * m) / (2 * (x - m))
+    white = (3 * (x - 1) / (2 * m) - 2 * (x - 2) / x) * 4 * m**2 / (4 * m**2 + 5)
+    flicker = np.where(m < 2, 2 * (x - 2) ** 2 / (2.3 * x - 4.9), 5 * x**2 / (4 * m * (x + 3 * m)))
+    walk = (x - 2) / m * ((x - 1) ** 2 - 3 * m * (x - 1) + 4 * m**2) / (x - 3) ** 2
+    return np.maximum(np.column_stack([phase, white, flicker, walk, walk]), 1.0)
 
 
 DENSE = 64  # second differences within an averaging time, at most: more overlap adds no information

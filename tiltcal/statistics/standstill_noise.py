@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.statistics.allan import TERMS, AllanDeviation, slopes
+from tiltcal.statistics.allan import TERMS, AllanDeviation, freedoms, slopes
 from tiltcal.statistics.goodness_of_fit import ModelTest, NeighbourCounts, spectrum_test
 from tiltcal.statistics.standstill_spectrum import POWERS, PowerBins, StandstillSpectrum
 
@@ -32,7 +32,7 @@ class StandstillNoise:
             the record.
         sigmas: standard uncertainties; they mean nothing where the model does not fit.
         held: which terms the record determines.
-        curve: the Allan deviation.
+        curve: the Allan deviation, with the degrees of freedom of these terms.
         test: whether the model fits.
         notes: how the record was read, where not sample by sample.
     """
@@ -100,7 +100,20 @@ def fit_noise(
         sigmas[FITTED[k]] = float(sigma * size[k]) / (2 * root) if root else 0.0
     if abs(slope) > SIGNIFICANT * slope_sigma:
         values["R"], sigmas["R"] = abs(slope), slope_sigma
+    curve = _with_freedom_of(values, curve, samples.pairs + 1, spectrum.rate_hz)
     return StandstillNoise(values, sigmas, {t: values[t] > 0 for t in TERMS}, curve, tested)
+
+
+def _with_freedom_of(
+    values: dict[str, float], curve: AllanDeviation, n: int, rate_hz: float
+) -> AllanDeviation:
+    """The curve of n samples with the degrees of freedom of these terms: the reciprocals of those
+    of each, weighted by its share of the variance.
+    """
+    variances = slopes(curve.tau) * np.array([values[t] ** 2 for t in TERMS])
+    shares = variances / variances.sum(axis=1, keepdims=True)
+    each = freedoms(np.rint(curve.tau * rate_hz), n)
+    return replace(curve, freedom=1 / (shares / each).sum(axis=1))
 
 
 def _with_line(spectrum: StandstillSpectrum) -> tuple[PowerBins, Array, float, float]:

@@ -141,7 +141,7 @@ def _without_noise(counts: Mapping[str, NeighbourCounts]) -> dict[str, str]:
     """Channel -> why it is left out."""
     found = {}
     for name, each in counts.items():
-        if each.pairs < LEAST:
+        if each.pairs + 1 < LEAST:
             found[name] = f"fewer than {LEAST} readings"
         elif not each.changes:
             found[name] = "its reading never changes: dead or frozen"

@@ -27,6 +27,7 @@ from tiltcal.recordings.formats.mcap_writer import write_mcap
 from tiltcal.recordings.mapping import parse_mapping
 from tiltcal.recordings.proposal.propose import propose_mapping
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.saving import write_recording
 
 SETUP = setup_of("dual", ACCEL, GYRO)
@@ -159,17 +160,50 @@ def test_kalibr_and_sdf_get_the_noise_that_is_there(rng, tmp_path, capsys):
 
 
 def test_a_walk_that_is_not_visible_is_an_upper_limit():
-    noise = TriadNoise(np.full(3, 1e-3), np.full(3, 2e-5), True, 100.0)
-    assert "# upper limit: not visible in this recording" in kalibr_yaml(noise, noise, "/imu")
-    assert "dynamic_bias" not in sdf_imu(noise, noise, {})
+    noise = TriadNoise(np.full(3, 1e-3), np.full(3, 2e-5), True, (), 100.0)
+    imu = {"acceleration": noise, "rate": noise}
+    assert kalibr_yaml(imu, "/imu").count("# upper limit: not visible in this recording") == 2
+    assert "dynamic_bias" not in sdf_imu(imu, {})
 
 
-def test_noise_wants_a_recording_at_rest_with_both_sensors(good, tmp_path, capsys):
+def test_noise_that_is_none_of_the_three_kinds_is_named_in_the_file():
+    noise = TriadNoise(np.full(3, 1e-3), np.full(3, 2e-5), True, ("gyro_y_rad_s",), 100.0)
+    for text in (kalibr_yaml({"rate": noise}, "/imu"), sdf_imu({"rate": noise}, {})):
+        assert "gyro_y_rad_s: white noise, flicker and walk do not fit; upper limits" in text
+
+
+@pytest.mark.parametrize(("kept", "missing"), [("gyro", "accelerometer"), ("accel", "gyroscope")])
+def test_one_sensor_alone_is_exported_and_the_other_one_named(rng, tmp_path, kept, missing):
+    run = read_recording(at_rest(tmp_path / "rest.parquet", rng, 20_000))
+    columns = {name: run.column(name) for name in run.column_names if name.startswith(kept)}
+    write_recording(Recording.from_columns(run.time, columns), path := tmp_path / "one.parquet")
+    assert main(["export", str(path), "--format", "kalibr", "-o", str(tmp_path / "imu.yaml")]) == 0
+    text = (tmp_path / "imu.yaml").read_text()
+    assert f"# {missing}: missing" in text
+    found = YAML(typ="safe").load(text)
+    assert not [key for key in found if key.startswith(missing)]
+    assert found["update_rate"] == pytest.approx(RATE)
+    assert len(found) == 4
+    assert main(["export", str(path), "--format", "sdf", "-o", str(tmp_path / "imu.sdf")]) == 0
+    imu = ET.parse(tmp_path / "imu.sdf").getroot()
+    assert [
+        tag for tag in ("angular_velocity", "linear_acceleration") if imu.find(tag) is not None
+    ] == ["angular_velocity" if kept == "gyro" else "linear_acceleration"]
+
+
+def test_noise_wants_a_recording_at_rest(good, tmp_path, capsys):
     for chosen in ("kalibr", "sdf"):
         words = ["export", good / "CAL.json", "--format", chosen]
         assert "need a recording at rest" in refusal(words, tmp_path, capsys)
-        words = ["export", good / "run.csv", "--format", chosen]
-        assert "no gyro with the axes x, y, z" in refusal(words, tmp_path, capsys)
+
+
+def test_a_dead_axis_is_named_where_no_triad_is_left(rng, tmp_path, capsys):
+    run = read_recording(at_rest(tmp_path / "rest.parquet", rng, 20_000))
+    columns = {name: run.column(name) for name in run.column_names if name.startswith("gyro")}
+    columns["gyro_y_deg_s"] = np.full(len(run), 0.25)
+    write_recording(Recording.from_columns(run.time, columns), path := tmp_path / "dead.parquet")
+    said = refusal(["export", path, "--format", "kalibr"], tmp_path, capsys)
+    assert "gyro_y_deg_s: its reading never changes" in said
 
 
 # --------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from tiltcal.recordings import span_means
 from tiltcal.recordings.pieces import part_of, writing
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
-from tiltcal.recordings.rest_noise import noise_models, noise_models_of
+from tiltcal.recordings.rest_noise import rest_noise, rest_noise_of
 from tiltcal.recordings.saving import write_recording
 from tiltcal.recordings.span_means import AVERAGED, Spans, averaged, read_averaged, whole_spans
 from tiltcal.statistics.allan import RunningAllan, allan_deviation
@@ -162,7 +162,7 @@ def test_noise_of_a_long_recording_is_that_of_its_samples_and_says_how(
     tmp_path, monkeypatch, capsys
 ):
     write_recording(at_rest(60_000), path := tmp_path / "rest.csv")
-    whole = noise_models(read_recording(path))
+    whole = rest_noise(read_recording(path)).models
     assert not any(model.notes for model in whole.values())
     monkeypatch.setattr(span_means, "LONGEST", 10_000)
     said = (
@@ -171,9 +171,9 @@ def test_noise_of_a_long_recording_is_that_of_its_samples_and_says_how(
     assert main(["noise", str(path)]) == 0
     assert len(re.findall(said, " ".join(capsys.readouterr().out.split()))) == 1
     assert main(["noise", str(path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = json.loads(capsys.readouterr().out)["channels"]
     assert all(re.search(said, model["notes"][0]) for model in told.values())
-    for name, model in noise_models_of(path).items():
+    for name, model in rest_noise_of(path).models.items():
         assert model.values["N"] == pytest.approx(whole[name].values["N"], rel=1e-3)
         assert model.held == whole[name].held
 
@@ -182,10 +182,10 @@ PEAK = """
 import json, resource, sys
 from tiltcal.cli import main
 from tiltcal.recordings import span_means
-from tiltcal.recordings.rest_noise import noise_models_of
+from tiltcal.recordings.rest_noise import rest_noise_of
 span_means.LONGEST = 50_000
 span_means.read_averaged(sys.argv[1])
-noise_models_of(sys.argv[1])
+rest_noise_of(sys.argv[1])
 print(json.dumps(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss))
 """
 

@@ -12,8 +12,9 @@ from tiltcal.calibration.result import Calibration, setup_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS, G0, split_unit
+from tiltcal.recordings.rest_noise import RestNoise
 from tiltcal.setup.sensor import Sensor
-from tiltcal.statistics.allan import NoiseModel
+from tiltcal.statistics.standstill_noise import StandstillNoise
 
 _FLOAT = 9  # MAVLink type of a parameter
 _LINEAR = ("bias_", "scale_", "cross_")
@@ -115,6 +116,9 @@ def _comments(calibration: Calibration) -> Iterator[str]:
             yield f"# left out, {sensor.name}: {words}"
 
 
+# of an IMU: names of the sensors of each quantity in kalibr, and SI units
+_TRIADS = {"acceleration": ("accelerometer", "m/s^2"), "rate": ("gyroscope", "rad/s")}
+_TAGS = {"rate": "angular_velocity", "acceleration": "linear_acceleration"}  # of SDF
 _CORRELATION_S = 1000.0  # far longer than what a simulation notices: a random walk
 
 
@@ -126,110 +130,144 @@ class TriadNoise:
         density: N of ``sigma = N sqrt(rate)``, m/s2/rtHz or rad/s/rtHz, (3,).
         walk: K, m/s3/rtHz or rad/s2/rtHz, (3,); an upper limit where the record does not hold it.
         limit: whether ``walk`` is only an upper limit on some axis.
+        unfit: columns that the noise model does not fit: upper limits, both.
         rate: of samples, Hz.
     """
 
     density: Array
     walk: Array
     limit: bool
+    unfit: tuple[str, ...]
     rate: float
 
 
-def triad_noise(models: Mapping[str, NoiseModel], quantity: str, source: str) -> TriadNoise:
-    """The noise of the first triad of that quantity.
+def triad_noise(models: Mapping[str, StandstillNoise], quantity: str) -> TriadNoise | None:
+    """The noise of the first triad of that quantity in SI-like units; None where there is none.
 
     Args:
-        source: of the recording, for messages.
-        models: column -> noise, as the Allan variance of a recording at rest gives it.
+        models: column -> noise of a recording at rest.
         quantity: acceleration or rate.
-
-    Raises:
-        TiltcalError: there is no such triad in SI-like units.
     """
-    found: dict[str, list[tuple[NoiseModel, float]]] = {}
+    found: dict[str, dict[str, tuple[StandstillNoise, float]]] = {}
     for column, model in models.items():
         channel, word = split_unit(column)
         unit = COLUMN_UNITS[str(word)]
         name, _, axis = channel.rpartition("_")
         if unit.quantity == quantity and axis in ("x", "y", "z"):
-            found.setdefault(name, []).append((model, unit.factor))
+            found.setdefault(name, {})[column] = (model, unit.factor)
     three = next((axes for axes in found.values() if len(axes) == 3), None)
     if three is None:
-        kind = "accelerometer" if quantity == "acceleration" else "gyro"
-        raise TiltcalError(
-            source,
-            found=f"no {kind} with the axes x, y, z in SI-like units",
-            need="a recording at rest of an accelerometer and a gyro",
-            do="name its columns accel_x_m_s2 ..., gyro_x_rad_s ..., counts converted",
-        )
+        return None
+    triad = three.values()
     return TriadNoise(
-        np.array([m.values["N"] * f for m, f in three]),
-        np.array([_walk(m) * f for m, f in three]),
-        not all(m.held["K"] for m, _ in three),
-        float(1 / three[0][0].curve.tau[0]),
+        np.array([m.effective["N"] * f for m, f in triad]),
+        np.array([_walk(m) * f for m, f in triad]),
+        not all(m.fits and m.held["K"] for m, _ in triad),
+        tuple(column for column, (m, _) in three.items() if not m.fits),
+        float(1 / next(iter(triad))[0].curve.tau[0]),
     )
 
 
-def _walk(model: NoiseModel) -> float:
-    """K, or the most that the longest averaging time allows."""
-    if model.held["K"]:
-        return model.values["K"]
-    _, high = model.curve.interval(0.95)
-    return float(high[-1] * np.sqrt(3 / model.curve.tau[-1]))
+def imu_noise(found: RestNoise, source: str) -> dict[str, TriadNoise]:
+    """The noise of the first accelerometer and of the first gyro by quantity, acceleration and
+    rate, of a recording that has at least one.
+
+    Args:
+        found: noise of a recording at rest.
+        source: of the recording, for messages.
+
+    Raises:
+        TiltcalError: it has neither in SI-like units.
+    """
+    triads = {q: triad_noise(found.models, q) for q in _TRIADS}
+    if not any(triads.values()):
+        left_out = "".join(f"; {name}: {why}" for name, why in found.left_out.items())
+        raise TiltcalError(
+            source,
+            found="no accelerometer and no gyro with the axes x, y, z in SI-like units" + left_out,
+            need="a recording at rest of at least one of them",
+            do="name its columns accel_x_m_s2 ..., gyro_x_rad_s ..., counts converted",
+        )
+    return {quantity: triad for quantity, triad in triads.items() if triad}
 
 
-def kalibr_yaml(accel: TriadNoise, gyro: TriadNoise, topic: str) -> str:
-    """``imu.yaml`` of kalibr; one number stands for the three axes, their root mean square.
+def _walk(model: StandstillNoise) -> float:
+    """K, or the most that the Allan deviation allows."""
+    return model.values["K"] if model.fits and model.held["K"] else model.limits["K"]
+
+
+def kalibr_yaml(imu: Mapping[str, TriadNoise], topic: str) -> str:
+    """``imu.yaml`` of kalibr; one number stands for the three axes, their root mean square. Of a
+    sensor that is missing, a comment says so.
+
+    Args:
+        imu: acceleration and rate, or one of them -> noise.
+        topic: of the IMU.
 
     Source: kalibr, IMU noise model: density sigma with sigma_d = sigma / sqrt(dt), and bias walk
         sigma_b with sigma_bd = sigma_b sqrt(dt). These are N and K of the Allan variance.
     """
     lines = [
-        "# From the Allan variance of a recording at rest. Many users multiply these by 5 to 20:",
+        "# From a recording at rest. Many users multiply these by 5 to 20:",
         "# kalibr takes everything else (vibration, temperature, scale errors, time stamps) for",
         "# noise of this kind, and an optimiser that trusts the IMU too much fits all else badly.",
     ]
-    for name, noise, unit in (
-        ("accelerometer", accel, "m/s^2"),
-        ("gyroscope", gyro, "rad/s"),
-    ):
-        mark = "   # upper limit: not visible in this recording" if noise.limit else ""
-        lines += [
-            f"# {name}: {unit}/sqrt(Hz), {unit}/s/sqrt(Hz)",
-            f"{name}_noise_density: {_rms(noise.density):.6g}",
-            f"{name}_random_walk: {_rms(noise.walk):.6g}{mark}",
-        ]
-    lines += [f"rostopic: {topic}", f"update_rate: {accel.rate:.6g}"]
+    for quantity, (name, unit) in _TRIADS.items():
+        lines += _kalibr_sensor(name, unit, imu.get(quantity))
+    rate = next(iter(imu.values())).rate
+    lines += [f"rostopic: {topic}", f"update_rate: {rate:.6g}"]
     return "\n".join(lines) + "\n"
+
+
+def _kalibr_sensor(name: str, unit: str, noise: TriadNoise | None) -> list[str]:
+    density, walk = f"{name}_noise_density", f"{name}_random_walk"
+    if noise is None:
+        missing = f"# {name}: missing, the recording has no three axes of it with noise"
+        return [missing, f"# kalibr needs {density} and {walk} of it as well"]
+    mark = "   # upper limit: not visible in this recording" if noise.limit else ""
+    lines = [
+        f"# {column}: white noise, flicker and walk do not fit; upper limits"
+        for column in noise.unfit
+    ]
+    return [
+        *lines,
+        f"# {name}: {unit}/sqrt(Hz), {unit}/s/sqrt(Hz)",
+        f"{density}: {_rms(noise.density):.6g}",
+        f"{walk}: {_rms(noise.walk):.6g}{mark}",
+    ]
 
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def sdf_imu(
-    accel: TriadNoise,
-    gyro: TriadNoise,
-    bias: Mapping[str, Sequence[float]],
-) -> str:
-    """The ``<imu>`` block of an SDF sensor.
+def sdf_imu(imu: Mapping[str, TriadNoise], bias: Mapping[str, Sequence[float]]) -> str:
+    """The ``<imu>`` block of an SDF sensor; a sensor that is missing has no block.
 
     ``stddev`` is of one sample, N sqrt(rate). A known bias stands in ``mean``: Gazebo gives the
     bias of ``bias_mean`` either sign. ``dynamic_bias_stddev`` is K: a random walk, because the
     correlation time is long.
 
     Args:
-        accel, gyro: noise of the two triads.
+        imu: acceleration and rate, or one of them -> noise.
         bias: acceleration and rate -> bias of each axis, SI; zeros where it is not known.
     """
-    lines = [f"<!-- update_rate {accel.rate:.6g} Hz; SI units -->", "<imu>"]
-    for tag, noise, quantity in (
-        ("angular_velocity", gyro, "rate"),
-        ("linear_acceleration", accel, "acceleration"),
-    ):
+    rate = next(iter(imu.values())).rate
+    lines = [f"<!-- update_rate {rate:.6g} Hz; SI units -->"]
+    for noise in imu.values():
+        lines += [
+            f"<!-- {column}: white noise, flicker and walk do not fit; upper limits -->"
+            for column in noise.unfit
+        ]
+    lines.append("<imu>")
+    for quantity, tag in _TAGS.items():
+        if quantity not in imu:
+            lines.append(f"  <!-- {tag} is missing: the recording has no three axes of it -->")
+            continue
         lines.append(f"  <{tag}>")
         for k, axis in enumerate("xyz"):
-            lines += _axis(axis, noise, k, float(bias.get(quantity, (0.0, 0.0, 0.0))[k]))
+            mean = float(bias.get(quantity, (0.0, 0.0, 0.0))[k])
+            lines += _axis(axis, imu[quantity], k, mean)
         lines.append(f"  </{tag}>")
     return "\n".join([*lines, "</imu>"]) + "\n"
 

@@ -24,7 +24,9 @@ RECORDINGS = {
         "datasets:datasets", "List published recordings, or get one from its owner."
     ),
     "segments": Command("segments:segments", "Find the dwells and moves of a recording."),
-    "noise": Command("noise:noise", "Estimate Allan coefficients from a recording at rest."),
+    "noise": Command(
+        "noise:noise", "Estimate Allan coefficients from a recording at rest, and test them."
+    ),
     "view": Command("view:view", "Write a page with the table in motion."),
     "film": Command("view:film", "Write a film of the table in motion."),
 }

@@ -137,19 +137,18 @@ def _of_effects(file: Path) -> str:
 
 
 def _of_noise(chosen: str, file: Path, topic: str, calibration: Path | None) -> str:
-    from tiltcal.calibration.autopilot_exports import kalibr_yaml, sdf_imu, triad_noise
+    from tiltcal.calibration.autopilot_exports import imu_noise, kalibr_yaml, sdf_imu
     from tiltcal.recordings.recording_files import read_recording
-    from tiltcal.recordings.rest_noise import noise_models
+    from tiltcal.recordings.rest_noise import rest_noise
 
     if file.suffix == ".json":
         raise _wrong(chosen, file, "a recording at rest", "record one: noise is seen at rest only")
     recording = read_recording(file).require_increasing()
-    models = noise_models(recording)
-    accel = triad_noise(models, "acceleration", recording.source)
-    gyro = triad_noise(models, "rate", recording.source)
-    if chosen == "kalibr":
-        return kalibr_yaml(accel, gyro, topic)
-    return sdf_imu(accel, gyro, _biases(calibration))
+    found = rest_noise(recording)
+    for name, why in found.left_out.items():
+        print_note(f"{name} is left out: {why}")
+    imu = imu_noise(found, recording.source)
+    return kalibr_yaml(imu, topic) if chosen == "kalibr" else sdf_imu(imu, _biases(calibration))
 
 
 def _biases(path: Path | None) -> dict[str, Any]:

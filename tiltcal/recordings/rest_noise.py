@@ -1,7 +1,8 @@
-"""Allan coefficients of each channel from the longest standstill of a recording."""
+"""Noise of each channel in the longest standstill of a recording."""
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,86 +18,155 @@ from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.recordings.span_means import averaging_note, read_averaged, require_memory, spans_of
 from tiltcal.setup.tables import axis_of
-from tiltcal.statistics.allan import (
-    DENSE,
-    AllanDeviation,
-    NoiseModel,
-    RunningAllan,
-    allan_deviation,
-    fit_noise,
-)
+from tiltcal.statistics.allan import DENSE, LEAST, RunningAllan, allan_deviation
+from tiltcal.statistics.goodness_of_fit import NeighbourCounts
+from tiltcal.statistics.standstill_noise import StandstillNoise, fit_noise
+from tiltcal.statistics.standstill_spectrum import RunningSpectrum, StandstillSpectrum
 
 NOISY = ("acceleration", "angle", "rate", "raw")  # quantities of a sensor's columns
 
 
-def noise_models_of(path: Path | str, progress: Progress = silent) -> dict[str, NoiseModel]:
-    """The noise model of each sensor channel of a file.
+@dataclass(frozen=True)
+class RestNoise:
+    """Noise of the channels of a recording at rest.
+
+    Args:
+        models: column -> noise.
+        left_out: column -> why it has none.
+    """
+
+    models: dict[str, StandstillNoise]
+    left_out: dict[str, str]
+
+
+class _RunningNoise:
+    """What the noise of a long channel is found from, piece by piece.
+
+    Args:
+        samples: that are expected.
+        rate_hz: of the samples.
+    """
+
+    def __init__(self, samples: int, rate_hz: float) -> None:
+        self._rate = rate_hz
+        self._allan = RunningAllan(samples)
+        self._spectrum = RunningSpectrum(samples, rate_hz)
+        self.counts = NeighbourCounts.none()
+
+    def add(self, values: Array) -> None:
+        """Go on with further values, (n,)."""
+        self._allan.add(values)
+        self._spectrum.add(values)
+        self.counts += NeighbourCounts.of(values)
+
+    def fitted(self) -> StandstillNoise:
+        """The noise of all values so far."""
+        curve = self._allan.deviation(self._rate)
+        return fit_noise(self._spectrum.spectrum(), curve, self.counts)
+
+
+def rest_noise_of(path: Path | str, progress: Progress = silent) -> RestNoise:
+    """The noise of each sensor channel of a file.
 
     A long recording is read in pieces, twice: its standstills are found in averages over spans of
-    time, the Allan deviation is that of its samples, and a note of each model states it.
+    time, the Allan deviation and the spectrum are those of its samples, and a note states it.
 
     Args:
         path: of the recording.
         progress: callback, receives the share of a long one that was read.
 
     Raises:
-        TiltcalError: there is no sensor channel, or no standstill.
+        TiltcalError: there is no sensor channel, no standstill, or no noise in any channel.
     """
     if spans_of(path) is None:
         require_memory(path)
-        return noise_models(read_recording(path).require_increasing())
+        return rest_noise(read_recording(path).require_increasing())
     recording = read_averaged(path, progress)
     names, longest = _channels(recording), _longest(recording)
-    running: dict[str, RunningAllan] = {}
-    rates: dict[str, float] = {}
+    running: dict[str, _RunningNoise] = {}
     for piece in _between(path, longest.start, longest.end, progress):
         for name in names:
             known = ~np.isnan(values := piece.column(name))
             if name not in running and known.sum() > 1:
-                rates[name] = _rate(piece.time[known])
-                running[name] = RunningAllan(int((longest.end - longest.start) * rates[name]))
-            if name in running:
+                rate = _rate(piece.time[known])
+                running[name] = _RunningNoise(int((longest.end - longest.start) * rate), rate)
+            if name in running and known.any():
                 running[name].add(values[known])
-    curves = {name: found.deviation(rates[name]) for name, found in running.items()}
     notes = (_how_it_was_read(recording),)
-    return {
-        name: replace(_fitted(recording.source, name, curve), notes=notes)
-        for name, curve in curves.items()
+    counts = {name: NeighbourCounts.none() for name in names}
+    left_out = _without_noise(counts | {name: r.counts for name, r in running.items()})
+    models = {
+        name: replace(_fitted(recording.source, name, found.fitted), notes=notes)
+        for name, found in running.items()
+        if name not in left_out
     }
+    return _require_one(recording.source, models, left_out)
 
 
 def _how_it_was_read(recording: Recording) -> str:
     return (
-        f"{averaging_note(recording)} to find its standstills; the Allan deviation is that of all"
-        f" samples, beyond averaging times of {DENSE} samples from at most {DENSE} second"
-        " differences within each"
+        f"{averaging_note(recording)} to find its standstills; the Allan deviation and the spectrum"
+        f" are those of all samples, the deviation beyond averaging times of {DENSE} samples from"
+        f" at most {DENSE} second differences within each"
     )
 
 
-def noise_models(recording: Recording) -> dict[str, NoiseModel]:
-    """The noise model of each sensor channel.
+def rest_noise(recording: Recording) -> RestNoise:
+    """The noise of each sensor channel in the longest standstill.
 
     Raises:
-        TiltcalError: there is no sensor channel, or no standstill.
+        TiltcalError: there is no sensor channel, no standstill, or no noise in any channel.
     """
+    names, longest = _channels(recording), _longest(recording)
+    rows = slice(longest.first, longest.last)
+    columns = {name: recording.column(name)[rows] for name in names}
+    known = {name: ~np.isnan(column) for name, column in columns.items()}
+    values = {name: column[known[name]] for name, column in columns.items()}
+    counts = {name: NeighbourCounts.of(each) for name, each in values.items()}
+    left_out = _without_noise(counts)
     models = {}
-    for name in _channels(recording):
-        values, rate = longest_standstill(recording, name)
-        models[name] = _fitted(recording.source, name, allan_deviation(values, rate))
-    return models
+    for name in [n for n in names if n not in left_out]:
+        rate = _rate(recording.time[rows][known[name]])
+        fit = partial(_noise_of, values[name], rate, counts[name])
+        models[name] = _fitted(recording.source, name, fit)
+    return _require_one(recording.source, models, left_out)
 
 
-def longest_standstill(recording: Recording, column: str) -> tuple[Array, float]:
-    """The longest dwell of a column, (n,), and its sample rate, Hz.
+def _noise_of(values: Array, rate_hz: float, counts: NeighbourCounts) -> StandstillNoise:
+    spectrum = StandstillSpectrum.of(values, rate_hz)
+    return fit_noise(spectrum, allan_deviation(values, rate_hz), counts)
+
+
+def _without_noise(counts: Mapping[str, NeighbourCounts]) -> dict[str, str]:
+    """Channel -> why it is left out."""
+    found = {}
+    for name, each in counts.items():
+        if each.pairs + 1 < LEAST:
+            found[name] = f"fewer than {LEAST} readings"
+        elif not each.changes:
+            found[name] = "its reading never changes: dead or frozen"
+        elif each.changes < LEAST:
+            found[name] = f"its reading changes {each.changes} times only: dead or frozen"
+    return found
+
+
+def _require_one(
+    source: str, models: dict[str, StandstillNoise], left_out: dict[str, str]
+) -> RestNoise:
+    """All channels, where one has noise.
 
     Raises:
-        TiltcalError: the recording has no standstill.
+        TiltcalError: none has.
     """
-    longest = _longest(recording)
-    values = recording.column(column)
-    known = ~np.isnan(values)
-    rows = np.flatnonzero(known[longest.first : longest.last]) + longest.first
-    return values[rows], _rate(recording.time[rows])
+    if not models:
+        reasons = "; ".join(f"{name}: {why}" for name, why in left_out.items())
+        raise TiltcalError(
+            source,
+            found=f"no channel with noise ({reasons})",
+            need=f"one with {LEAST} readings or more that change",
+            do="record the instrument switched on, at its full resolution",
+        )
+    return RestNoise(models, left_out)
 
 
 def _channels(recording: Recording) -> list[str]:
@@ -146,7 +216,7 @@ def _rate(time: Array) -> float:
     return float(1 / np.median(np.diff(time)))
 
 
-def _fitted(source: str, name: str, curve: AllanDeviation) -> NoiseModel:
-    """The noise model of one column."""
+def _fitted(source: str, name: str, fit: Callable[[], StandstillNoise]) -> StandstillNoise:
+    """The noise of one column."""
     with determining(f"{source}, column {name}", "its noise"):
-        return fit_noise(curve)
+        return fit()

@@ -1,9 +1,7 @@
-"""Allan variance of a record at standstill: Q, N, B, K, R with their uncertainty, and which slopes
-the record does not determine. ``RunningAllan`` computes the deviation of a record that comes piece
-by piece, in memory that does not grow with it.
+"""Allan variance of a record at standstill, and that of each kind of noise. ``RunningAllan``
+computes the deviation of a record that comes piece by piece, in memory that does not grow with it.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log, pi
 
@@ -23,7 +21,6 @@ NAMES = {
 # in the cache, and below what BLAS spreads over threads: waiting for them took ten times as long
 CHUNK = 1 << 13
 LEAST = 16  # samples of a record
-SIGNIFICANT = 3.0  # standard uncertainties below which a slope is not in the record
 
 
 @dataclass(frozen=True)
@@ -56,29 +53,9 @@ class AllanDeviation:
         return low, high
 
 
-@dataclass(frozen=True)
-class NoiseModel:
-    """Coefficients of ``s2 = 3 Q2/tau2 + N2/tau + (2 ln2/pi) B2 + K2 tau/3 + R2 tau2/2``.
-
-    Args:
-        values: of Q, N, B, K, R, in the unit of the record and seconds; 0 where the slope is not in
-            the record.
-        sigmas: standard uncertainties.
-        held: which slopes the record determines.
-        curve: what it was fitted to.
-        notes: how the record was read, where not sample by sample.
-    """
-
-    values: dict[str, float]
-    sigmas: dict[str, float]
-    held: dict[str, bool]
-    curve: AllanDeviation
-    notes: tuple[str, ...] = ()
-
-
 def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> AllanDeviation:
     """Overlapped Allan deviation of one channel, (n,), at octave averaging times unless others are
-    given.
+    given. Its degrees of freedom are those of white noise.
 
     ``s2(tau) = sum (x_(k+2m) - 2 x_(k+m) + x_k)^2 / (2 tau^2 (N - 2m))`` with x the running
     integral.
@@ -86,8 +63,7 @@ def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> 
     Raises:
         TiltcalError: the record is shorter than 16 samples.
 
-    Source: IEEE 952 annex C; equivalent degrees of freedom for white noise after Howe, Allan and
-        Barnes (1981).
+    Source: IEEE 952 annex C.
     """
     n = len(values)
     _require_enough(n)
@@ -105,7 +81,7 @@ def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> 
 
 
 def curve_of(m: Index, variance: Array, n: int, rate_hz: float) -> AllanDeviation:
-    """The deviation of Allan variances.
+    """The deviation of Allan variances, with the degrees of freedom of white noise.
 
     Args:
         rate_hz: of the samples.
@@ -117,8 +93,8 @@ def curve_of(m: Index, variance: Array, n: int, rate_hz: float) -> AllanDeviatio
         TiltcalError: they are fewer than 16.
     """
     _require_enough(n)
-    freedom = np.maximum((3 * (n - 1) / (2 * m) - 2 * (n - 2) / n) * 4 * m**2 / (4 * m**2 + 5), 1.0)
-    return AllanDeviation(m / rate_hz, np.sqrt(variance), freedom)
+    white = freedoms(m.astype(float), n)[:, TERMS.index("N")]
+    return AllanDeviation(m / rate_hz, np.sqrt(variance), white)
 
 
 def _require_enough(n: int) -> None:
@@ -152,38 +128,23 @@ def slopes(tau: Array) -> Array:
     )
 
 
-def fit_noise(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> NoiseModel:
-    """Non-negative weighted least squares of the Allan variance; a term below three sigmas is left
-    out and the others re-fitted.
-    """
-    from scipy.optimize import nnls
+def freedoms(m: Array, n: int) -> Array:
+    """Equivalent degrees of freedom of the overlapped Allan variance of each term, (k, 5), in the
+    order of TERMS; a ramp has those of a random walk.
 
-    kept = [t for t in TERMS if t in terms]
-    while True:
-        design = slopes(curve.tau)[:, [TERMS.index(t) for t in kept]]
-        squares = curve.deviation**2
-        # the weight is the variance of the estimate, which the fit itself gives best
-        for _ in range(8):
-            weight = np.sqrt(curve.freedom / 2) / squares
-            solution = nnls(design * weight[:, None], curve.deviation**2 * weight)[0]
-            squares = np.maximum(design @ solution, 1e-300)
-        covariance = np.linalg.pinv((design * weight[:, None]).T @ (design * weight[:, None]))
-        spread = np.sqrt(np.diag(covariance))
-        weakest = int(np.argmin(solution / spread))
-        if len(kept) == 1 or solution[weakest] > SIGNIFICANT * spread[weakest]:
-            break
-        kept.pop(weakest)
-    found = dict(zip(kept, np.sqrt(solution), strict=True))
-    sigma = {
-        t: float(s / (2 * found[t])) if found[t] > 0 else 0.0
-        for t, s in zip(kept, spread, strict=True)
-    }
-    return NoiseModel(
-        {t: float(found.get(t, 0.0)) for t in TERMS},
-        {t: sigma.get(t, 0.0) for t in TERMS},
-        {t: t in kept for t in TERMS},
-        curve,
-    )
+    Args:
+        m: samples of each averaging time, (k,).
+        n: samples of the record.
+
+    Source: Riley, Handbook of Frequency Stability Analysis, NIST SP 1065 (2008), 5.4.1, with n + 1
+        readings of the integral; after Howe, Allan and Barnes (1981).
+    """
+    x = n + 1.0
+    phase = (x + 1) * (x - 2 * m) / (2 * (x - m))
+    white = (3 * (x - 1) / (2 * m) - 2 * (x - 2) / x) * 4 * m**2 / (4 * m**2 + 5)
+    flicker = np.where(m < 2, 2 * (x - 2) ** 2 / (2.3 * x - 4.9), 5 * x**2 / (4 * m * (x + 3 * m)))
+    walk = (x - 2) / m * ((x - 1) ** 2 - 3 * m * (x - 1) + 4 * m**2) / (x - 3) ** 2
+    return np.maximum(np.column_stack([phase, white, flicker, walk, walk]), 1.0)
 
 
 DENSE = 64  # second differences within an averaging time, at most: more overlap adds no information

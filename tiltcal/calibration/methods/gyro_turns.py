@@ -96,8 +96,7 @@ def gyro_turns(
     live = data_tests(recording, gyro, accel)
     found = list(find_segments(recording)) if segments is None else list(segments)
     rests, turns, static = _turns_and_rests(recording, setup, found, gyro, accel)
-    names = parameter_names(gyro.name, terms)
-    names += turns.names
+    names = [*parameter_names(gyro.name, terms), *turns.names]
     fit, converged = solve(turns, static, names)
     if setup.budget and not fit.dropped:
         x = np.array([fit.value(n) for n in names])

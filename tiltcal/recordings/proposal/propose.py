@@ -26,7 +26,6 @@ from tiltcal.recordings.mapping import FileLayout
 from tiltcal.recordings.proposal.channels import ANGLES, REMARKS, Channel, channels_of
 from tiltcal.recordings.proposal.gravity import norm_at_rest
 from tiltcal.recordings.proposal.pairs import find_pairs, follows
-from tiltcal.recordings.proposal.rests import is_measured
 from tiltcal.recordings.proposal.sensors import (
     Sensor,
     Triad,
@@ -41,6 +40,7 @@ from tiltcal.recordings.proposal.time_axis import TimeGuess, find_time, stated_r
 if TYPE_CHECKING:
     from tiltcal.recordings.proposal.time_axis import TimeGuess
 
+_LISTED = 8  # columns that a doubt names
 _ABREAST = 28  # columns that a value takes before its reason
 
 
@@ -282,12 +282,11 @@ def _pairs(
 
 
 def _unexplained(channels: Sequence[Channel]) -> list[str]:
-    """Columns that vary as readings do, and that nothing explains."""
-    unknown = [
-        c.name
-        for c in channels
-        if c.numeric and c.meaning.role in ("", "angle") and is_measured(c.values[:, None])
-    ]
+    """Columns that vary, and that nothing explains."""
+    named = [c for c in channels if c.numeric and c.meaning.role == ""]
+    unknown = [c.name for c in named if np.nanmin(c.values) < np.nanmax(c.values)]
+    if len(unknown) > _LISTED:
+        unknown = [*unknown[:_LISTED], f"{len(unknown) - _LISTED} more columns"]
     return [f"what {in_words(unknown)} hold: no name, unit or motion says"] if unknown else []
 
 

@@ -21,6 +21,9 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.statistics.least_squares import Fit
 
+DETERMINED = 0.5  # of a stated uncertainty: with less the readings say more than the statement
+MOST = np.sqrt(0.5)  # of a standard uncertainty: half of the variance
+
 
 def pick_sensor(
     setup: Setup, recording: Recording, kinds: Sequence[str], name: str | None, method: str
@@ -119,6 +122,7 @@ def wrap_up(
         )
     if fit_failed and (worst := worst_dwell(fit, poses)):
         notes.append(worst)
+    notes += reference_notes(poses.references, fit)
     covariance = fit.covariance * factor
     sigmas = np.sqrt(np.diag(covariance))
     parameters = {
@@ -143,6 +147,35 @@ def wrap_up(
         provenance=provenance(recording),
         **split_of(poses.references, fit.names, fit.contributions, fit.posterior),
     )
+
+
+def reference_notes(references: References, fit: Fit) -> list[str]:
+    """What a recording says of its uncertain references: the error of each that it determines; of
+    each other one the parameters that take it up, where most of their uncertainty comes from it.
+    """
+    if not references.sources:
+        return []
+    shares = references.shares(fit.contributions).T
+    notes = []
+    for source, found, share in zip(
+        references.sources, references.single(fit.posterior), shares, strict=True
+    ):
+        if found is None:
+            continue
+        value, sigma = (source.standard * v for v in found)
+        stated = f"{source.standard:.4g} {source.unit}"
+        taken_up = [n for n, part in zip(fit.names, share > MOST * fit.sigmas, strict=True) if part]
+        if found[1] < DETERMINED:
+            notes.append(
+                f"{source.name} by this recording: {value:.6g} +- {sigma:.2g} {source.unit}"
+                f" (stated: 0 +- {stated})"
+            )
+        elif taken_up:
+            notes.append(
+                f"these readings do not distinguish {source.name} from {', '.join(taken_up)}:"
+                f" its {stated} stay in their uncertainty"
+            )
+    return notes
 
 
 def split_of(

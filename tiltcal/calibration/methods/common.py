@@ -10,7 +10,7 @@ import numpy as np
 
 from tiltcal import __version__
 from tiltcal.calibration.result import Calibration, Estimate, Reference
-from tiltcal.calibration.validity import SIGNIFICANCE, Test, Verdict
+from tiltcal.calibration.validity import SIGNIFICANCE, Test, Verdict, threshold_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
@@ -144,7 +144,7 @@ def wrap_up(
         dof=fit.dof,
         heldout_rms=heldout or {},
         warnings=notes,
-        provenance=provenance(recording),
+        provenance=provenance(recording, fit.dropped),
         **split_of(poses.references, fit.names, fit.contributions, fit.posterior),
     )
 
@@ -259,12 +259,30 @@ def worst_dwell(fit: Fit, poses: Poses) -> str:
     )
 
 
-def provenance(recording: Recording) -> dict[str, str]:
-    """Where a calibration came from."""
+def undetermined_test(names: Sequence[str]) -> Test:
+    """The test that fails where a recording does not determine some parameters.
+
+    Args:
+        names: of them; none where it only leaves no residual.
+    """
+    words = f"the recording does not determine {', '.join(names)}"
+    if not names:
+        words = "the poses determine the model, and leave nothing to judge it by"
+    return threshold_test("determined", len(names), False, words)
+
+
+def provenance(recording: Recording, undetermined: Sequence[str] = ()) -> dict[str, Any]:
+    """Where a calibration came from.
+
+    Args:
+        recording: the readings.
+        undetermined: names of the parameters that they do not determine.
+    """
     return {
         "recording": recording.source,
         "made by": f"tiltcal {__version__}",
         **dict(recording.metadata),
+        **({"undetermined": list(undetermined)} if undetermined else {}),
     }
 
 

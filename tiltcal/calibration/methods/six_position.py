@@ -7,7 +7,12 @@ from functools import partial
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import pick_sensor, with_equation, wrap_up
+from tiltcal.calibration.methods.common import (
+    pick_sensor,
+    undetermined_test,
+    with_equation,
+    wrap_up,
+)
 from tiltcal.calibration.methods.known_attitude_checks import (
     fixture_rotation,
     known_attitude_tests,
@@ -19,10 +24,11 @@ from tiltcal.calibration.methods.known_attitude_model import (
     solve_about_errors,
     without_drift,
 )
+from tiltcal.calibration.methods.terms import LINEAR, require_names
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.screen.outliers import outlier_tests
-from tiltcal.calibration.validity import threshold_test, verdict_of
+from tiltcal.calibration.validity import verdict_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.base import Effect
 from tiltcal.recordings.recording import Recording
@@ -33,7 +39,6 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
 NAME = "six_position"
-LINEAR = ("bias", "scale", "cross_axis")
 
 
 def six_position(
@@ -72,7 +77,7 @@ def six_position(
     Source: patent CN 113295887 A (docs/sources.md, "Six-position calibration"); docs/physics.md,
     "Six positions".
     """
-    _require_names(terms)
+    require_names(terms, NAME)
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
     live = data_tests(recording, used)
 
@@ -88,8 +93,7 @@ def six_position(
     warnings.append(fixture_rotation(fit, used))
     determined = not fit.dropped and fit.dof > 0
     if not determined:
-        words = f"{len(poses)} poses do not determine the model"
-        tests.append(threshold_test("determined", len(fit.dropped), False, words, dof=fit.dof))
+        tests.append(undetermined_test(fit.dropped))
     heldout = leave_directions_out(poses, model) if not fit.dropped else {}
     if DRIFT in terms:
         fit, units, words = without_drift(fit, units, used)
@@ -108,18 +112,6 @@ def six_position(
         heldout=heldout,
     )
     return with_equation(result, used, setup)
-
-
-def _require_names(terms: Sequence[str]) -> None:
-    """Refuse anything but a list of names."""
-    listed = isinstance(terms, Sequence) and not isinstance(terms, str)
-    if not listed or not all(isinstance(t, str) for t in terms):
-        raise TiltcalError(
-            f"method {NAME}, option terms",
-            found=repr(terms),
-            need="a list of names",
-            do='write terms=\'["bias", "scale"]\'',
-        )
 
 
 def _poses_of_known_attitude(

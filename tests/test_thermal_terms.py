@@ -2,12 +2,17 @@
 leave open of them.
 """
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from builders import ACCEL, G, setup_of
 from statistics_helpers import rng_of
 
+import tiltcal as tc
 from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import G0
 from tiltcal.recordings.recording import Recording
@@ -133,6 +138,42 @@ def test_what_the_attitudes_do_not_determine_is_left_out_and_named(faces):
     for name, true in (("bias_x", 0.05), ("cross_xy", 3e-3), ("temp1_scale_x", 3e-5)):
         estimate = faces.parameters[f"accel.{name}"]
         assert abs(estimate.value - true) < 4 * estimate.sigma
+
+
+def tumble(terms) -> Calibration:
+    """Poses of many attitudes at one temperature."""
+    log = cycle([*FACES, *EDGES, *CORNERS, *OBLIQUE], "room", curved=False)[0]
+    cold = {n: log.column(n) for n in log.column_names if n != "label"}
+    warm = log.column("temperature_degC") - log.column("temperature_degC").mean()
+    up = np.array([json.loads(w) for w in log.labels])
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    less = warm[:, None] * (BIAS_WARM + G * up @ WARM.T)
+    for i, a in enumerate("xyz"):
+        cold[f"accel_{a}_m_s2"] = cold[f"accel_{a}_m_s2"] - less[:, i]
+    cold["temperature_degC"] = np.full(len(log), 20.0)
+    return calibrate(
+        "six_position",
+        Recording.from_columns(log.time, cold, labels=log.labels),
+        SETUP,
+        terms=terms,
+    )
+
+
+def test_another_calibration_completes_it(faces):
+    room = tumble([*LINEAR, "K3"])
+    joint = tc.combine(room, faces)
+    assert joint.agrees
+    assert joint.calibration.verdict == room.verdict == "good"
+    assert set(HIDDEN) <= set(joint.calibration.parameters)
+    assert all(t.passed for t in joint.calibration.tests)
+
+
+def test_what_no_other_calibration_has_stays_undetermined(faces):
+    room = tumble(LINEAR)
+    assert tc.combine(room, faces).calibration.verdict == "cannot_tell"
+    # nor does another one help where this one has no residual to judge it by
+    bare = replace(faces, dof=0)
+    assert tc.combine(tumble([*LINEAR, "K3"]), bare).calibration.verdict == "cannot_tell"
 
 
 def test_terms_without_attitudes_and_unknown_ones_are_refused():

@@ -9,8 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from tiltcal import __version__
+from tiltcal.calibration.methods.common import undetermined_test
 from tiltcal.calibration.result import Calibration, Estimate, setup_of
-from tiltcal.calibration.validity import VERDICTS, Test, chi2_test
+from tiltcal.calibration.validity import VERDICTS, Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.instrument.terms import SHARED, si_factor
@@ -44,7 +45,8 @@ def combine(calibrations: Sequence[Calibration]) -> Combination:
     """The joint estimate of calibrations of one instrument, by generalised least squares.
 
     A calibration without terms over temperature holds at the temperature that it was made at; a
-    joint bias is that at the reference temperature of the one with such terms.
+    joint bias is that at the reference temperature of the one with such terms. The parameters that
+    one does not determine are those of the others.
 
     Args:
         calibrations: two or more; sensors of one name are one sensor.
@@ -54,6 +56,7 @@ def combine(calibrations: Sequence[Calibration]) -> Combination:
             placing-angle tables of one axis in several, or frames that differ.
     """
     _require_one_instrument(calibrations)
+    calibrations = _completed(calibrations)
     thermal = [c for c in calibrations if f"{SHARED}.T0" in c.parameters]
     names, units = _joint_names(calibrations)
     parts = [_Part.of(c, names, thermal) for c in calibrations]
@@ -142,6 +145,24 @@ def temperature_of(calibration: Calibration) -> float:
 def _measured(calibration: Calibration) -> list[str]:
     """Its parameters but for what its terms over temperature follow."""
     return [n for n in calibration.parameters if not n.startswith(f"{SHARED}.")]
+
+
+def _completed(calibrations: Sequence[Calibration]) -> list[Calibration]:
+    """The calibrations, judged without the parameters that they do not determine where others
+    have them.
+    """
+    names = {n for c in calibrations for n in c.parameters}
+    found = []
+    for calibration in calibrations:
+        missing = calibration.provenance.get("undetermined", [])
+        settled = undetermined_test(missing)
+        tests = [t for t in calibration.tests if t != settled]
+        judged = calibration.dof > 0 and len(tests) < len(calibration.tests)
+        if judged and names.issuperset(missing):
+            known = all(t.passed for t in tests if t.name == settled.name)
+            calibration = replace(calibration, tests=tests, verdict=verdict_of(tests, known))
+        found.append(calibration)
+    return found
 
 
 def _joint_names(calibrations: Sequence[Calibration]) -> tuple[list[str], dict[str, str]]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.units import EARTH_RATE
+from tiltcal.core.units import DEG, EARTH_RATE
 
 AXES = ("x", "y", "z")
 
@@ -111,6 +111,22 @@ def parse_up(label: str) -> Array | None:
         if up.shape == (3,) and np.all(np.isfinite(up)) and np.linalg.norm(up) > 0:
             return np.asarray(up / np.linalg.norm(up))
     return None
+
+
+def parse_turn(label: str) -> tuple[Array, float, float | None] | None:
+    """The operator's label as a turn about a body axis: ``turn z 360``, ``turn -x 90 +- 0.02 deg``.
+
+    Returns None for free text, which is no turn; else the axis as a unit vector, (3,), the angle
+    about it, rad, and its standard uncertainty, rad, None where it is not stated.
+    """
+    number = r"(\d+\.?\d*)"
+    pattern = rf"turn ([-+]?)([xyz]) ([-+]?){number}(?: ?\+-? ?{number})?(?: ?deg)?"
+    found = re.fullmatch(pattern, " ".join(label.lower().replace("±", "+-").split()))
+    if found is None:
+        return None
+    way = -1.0 if (found[1] == "-") != (found[3] == "-") else 1.0
+    sigma = None if found[5] is None else float(found[5]) * DEG
+    return np.eye(3)[AXES.index(found[2])], way * float(found[4]) * DEG, sigma
 
 
 def tilt_of_force(force: Array, g: float) -> Array:

@@ -18,7 +18,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import force_of_tilt, tilt_of_force
 from tiltcal.core.units import PARAMETER_UNITS, split_unit
 from tiltcal.effects import make_effect
-from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
+from tiltcal.effects.base import AngleEffect, DelayEffect, Effect, FrameEffect, SignalEffect
 from tiltcal.effects.environment.world import GravityMagnitude
 from tiltcal.effects.sense import Sense
 from tiltcal.effects.sensor.gyro import FogAxisError
@@ -218,6 +218,29 @@ class References:
         each = np.arange(len(self.sources)) == self.owner[:, None]
         return np.asarray(np.sqrt(contributions**2 @ each))
 
+    def turning(self, posterior: Array) -> tuple[tuple[Effect, ...], Array]:
+        """Errors that turn the instrument, at what the readings say of them.
+
+        Args:
+            posterior: of each column, in its standard uncertainties, and its own, (2, q).
+
+        Returns:
+            The effects, and the error of each column, in its standard uncertainties, (q,); 0 of a
+            column that turns nothing.
+        """
+        effects, values = [], np.zeros(len(self.owner))
+        for number, (source, found) in enumerate(
+            zip(self.sources, self.single(posterior), strict=True)
+        ):
+            turns = [e for e in source.effects if isinstance(e, AngleEffect | FrameEffect)]
+            if found is not None and turns:
+                size = found[0] * source.standard
+                effects += [
+                    replace(e, values={n: v * size for n, v in e.values.items()}) for e in turns
+                ]
+                values[self.owner == number] = found[0]
+        return tuple(effects), values
+
     def single(self, posterior: Array | None) -> list[tuple[float, float] | None]:
         """Of each source what its columns have, where that is one that was fitted. posterior: of
         each column, (2, q).
@@ -276,11 +299,13 @@ class Standstills:
         sensor: which.
         drive: the table at each, one row a dwell; None where it was not read.
         sense: what the sensor senses at each, (m,) rows.
+        errors: of the table, about which those of the references are counted.
     """
 
     sensor: Sensor
     drive: Drive | None
     sense: Sense
+    errors: tuple[Effect, ...] = ()
 
     def reading(self, setup: Setup, effect: Effect | None) -> Array:
         """Predicted means in the sensing form, SI, (m, k).
@@ -301,7 +326,8 @@ class Standstills:
                 raise _without_table(effect.id)
             return sense.true_input()  # the site is in the readings already
         where = setup.seen_by(self.sensor)
-        motion = closed_form(where, self.drive, () if effect is None else (effect,))
+        effects = self.errors if effect is None else (*self.errors, effect)
+        motion = closed_form(where, self.drive, effects)
         moved = make_sense(self.sensor, where, motion, self.drive).true_input()
         return np.asarray(np.where(self.drive.known[:, None], moved, sense.true_input()))
 

@@ -10,6 +10,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt, parse_up
 from tiltcal.core.quantisation import lsb_grid
 from tiltcal.core.units import DEG
+from tiltcal.effects.base import Effect
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import make_sense
 from tiltcal.recordings.means_table import MeansTable
@@ -112,16 +113,27 @@ class Poses:
 
 
 def find_poses(
-    recording: Recording, setup: Setup, sensor: Sensor, segments: Sequence[Segment] | None = None
+    recording: Recording,
+    setup: Setup,
+    sensor: Sensor,
+    segments: Sequence[Segment] | None = None,
+    errors: tuple[Effect, ...] = (),
 ) -> Poses:
     """The poses of a recording.
+
+    Args:
+        recording: a log, or a table of means.
+        setup: of the recording.
+        sensor: which.
+        segments: dwells to use; unless given those found.
+        errors: of the table, which ``up`` has: uncertain references are counted from them.
 
     Raises:
         TiltcalError: no dwell was found, or an uncertain reference does not fit the recording.
     """
     recording.require_increasing()
     if isinstance(recording, MeansTable):
-        return _stated_means(recording, setup, sensor)
+        return _stated_means(recording, setup, sensor, errors)
     found = dwells(find_segments(recording) if segments is None else segments)
     samples = recording.sensor(sensor)
     complete = ~np.isnan(samples.values).any(axis=1)
@@ -135,7 +147,7 @@ def find_poses(
     spread = _spread_of(sensor, means, setup.site.gravity)
     residuals = [(c - m) / s for c, m, s in zip(chunks, means, spread, strict=True)]
     noise, inflation = pooled_noise(residuals)
-    up, angles, stated, drive = _known_up(recording, setup.seen_by(sensor), kept)
+    up, angles, stated, drive = _known_up(recording, setup.seen_by(sensor), kept, errors)
     return Poses(
         sensor,
         tuple(PoseSpan(s.start, s.end, s.label) for s in kept),
@@ -150,11 +162,13 @@ def find_poses(
         np.array([_slope(c, s.end - s.start) for c, s in zip(chunks, kept, strict=True)]),
         rounding_variance(_quantisation(readings, slices, sensor, setup), residuals, means)
         * spread**2,
-        _references(recording, setup, sensor, kept, means, up, drive),
+        _references(recording, setup, sensor, kept, means, up, drive, errors),
     )
 
 
-def _stated_means(table: MeansTable, setup: Setup, sensor: Sensor) -> Poses:
+def _stated_means(
+    table: MeansTable, setup: Setup, sensor: Sensor, errors: tuple[Effect, ...]
+) -> Poses:
     """The poses of a table of means: its complete rows, with the standard deviations stated."""
     found = find_segments(table)
     samples = table.sensor(sensor)
@@ -165,7 +179,7 @@ def _stated_means(table: MeansTable, setup: Setup, sensor: Sensor) -> Poses:
     if sensor.kind == "inclinometer":
         means = force_of_tilt(means, setup.site.gravity)
         sigma = sigma * setup.site.gravity * _spread_of(sensor, means, setup.site.gravity)
-    up, angles, stated, drive = _known_up(table, setup, kept)
+    up, angles, stated, drive = _known_up(table, setup, kept, errors)
     none = np.zeros_like(means)
     return Poses(
         sensor,
@@ -180,7 +194,7 @@ def _stated_means(table: MeansTable, setup: Setup, sensor: Sensor) -> Poses:
         stated,
         np.full_like(means, np.nan),
         none,
-        _references(table, setup, sensor, kept, means, up, drive),
+        _references(table, setup, sensor, kept, means, up, drive, errors),
     )
 
 
@@ -192,6 +206,7 @@ def _references(
     means: Array,
     up: Array,
     drive: Drive | None,
+    errors: tuple[Effect, ...],
 ) -> References:
     """What the uncertain references of the set-up add to the means of the dwells."""
     if not setup.budget:
@@ -215,9 +230,9 @@ def _references(
     sense = sense_without_table(sensor, setup, time, by_kind, warm)
     if drive is not None and drive.known.all():
         where = setup.seen_by(sensor)
-        sense = make_sense(sensor, where, closed_form(where, drive), drive)
+        sense = make_sense(sensor, where, closed_form(where, drive, errors), drive)
         sense = replace(sense, force=force)
-    at = Standstills(sensor, drive, sense)
+    at = Standstills(sensor, drive, sense, errors)
     return references(setup, at.reading, np.arange(len(segments)))
 
 
@@ -293,7 +308,7 @@ def _spread_of(sensor: Sensor, means: Array, g: float) -> Array:
 
 
 def _known_up(
-    recording: Recording, setup: Setup, segments: Sequence[Segment]
+    recording: Recording, setup: Setup, segments: Sequence[Segment], errors: tuple[Effect, ...]
 ) -> tuple[Array, dict[str, Array], str, Drive | None]:
     """Up direction of each pose from the readout, else from labels, and the table at each."""
     names = setup.rig.axis_names
@@ -304,7 +319,7 @@ def _known_up(
     if names and all(_was_read(recording, axis) for axis in names):
         drive = _drive_at(recording, setup, segments)
         known = drive.known
-        up[known] = closed_form(setup, drive).up[known]
+        up[known] = closed_form(setup, drive, errors).up[known]
         angles = {name: np.where(known, jet.x, np.nan) for name, jet in drive.axes.items()}
         stated = "readout" if known.any() else stated
     for i, s in enumerate(segments):

@@ -174,6 +174,36 @@ class Fit:
         return float(self.values[self.names.index(name)]) if name in self.names else 0.0
 
 
+@dataclass(frozen=True)
+class Factored:
+    """A design matrix in factors: the least-squares solution is ``gain @ u.T @ target``, and its
+    covariance ``gain @ gain.T``.
+
+    Args:
+        u: orthonormal basis of its column space, (n, rank).
+        gain: (p, rank).
+        singular: values of the column-scaled design, (rank,).
+        determined: parameters without a part in the null space, (p,).
+    """
+
+    u: Array
+    gain: Array
+    singular: Array
+    determined: Mask
+
+    @classmethod
+    def of(cls, design: Array) -> "Factored":
+        """The factors of a design, (n, p)."""
+        scale = np.linalg.norm(design, axis=0)
+        seen = scale > SINGULAR * max(float(scale.max(initial=0.0)), 1e-300)
+        scale = np.where(seen, scale, 1.0)
+        u, s, vt = np.linalg.svd(np.where(seen, design, 0.0) / scale, full_matrices=False)
+        rank = int(np.sum(s > SINGULAR * s[0])) if len(s) and s[0] > 0 else 0
+        u, s, vt = u[:, :rank], s[:rank], vt[:rank]
+        inside = np.abs((vt * vt).sum(axis=0) - 1) < 1e-9
+        return cls(u, vt.T / s / scale[:, None], s, seen & inside)
+
+
 def linear_fit(
     names: Sequence[str], design: Array, target: Array, common: CommonErrors | None = None
 ) -> Fit:
@@ -190,15 +220,8 @@ def linear_fit(
     """
     common = no_common_errors(len(target)) if common is None else common
     design, target, shared = (common.weight(x) for x in (design, target, common.columns))
-    scale = np.linalg.norm(design, axis=0)
-    seen = scale > SINGULAR * max(float(scale.max(initial=0.0)), 1e-300)
-    scale = np.where(seen, scale, 1.0)
-    u, s, vt = np.linalg.svd(np.where(seen, design, 0.0) / scale, full_matrices=False)
-    rank = int(np.sum(s > SINGULAR * s[0])) if len(s) and s[0] > 0 else 0
-    u, s, vt = u[:, :rank], s[:rank], vt[:rank]
-    keep = seen & (np.abs((vt * vt).sum(axis=0) - 1) < 1e-9)  # no part of it lies in the null space
-    gain = vt.T / s / scale[:, None]
-    covariance = ((vt.T / s**2) @ vt) / np.outer(scale, scale)
+    factors = Factored.of(design)
+    u, gain, s, keep = factors.u, factors.gain, factors.singular, factors.determined
     residuals = target - u @ (u.T @ target)
     # what the parameters cannot take up of each common error tells it
     told = np.sum(shared * shared, axis=0) - np.sum((u.T @ shared) ** 2, axis=0)
@@ -206,12 +229,12 @@ def linear_fit(
     return Fit(
         tuple(name for name, k in zip(names, keep, strict=True) if k),
         (gain @ (u.T @ target))[keep],
-        covariance[np.ix_(keep, keep)],
+        gain[keep] @ gain[keep].T,
         residuals,
         tuple(name for name, k in zip(names, keep, strict=True) if not k),
         1,
-        float(s[0] / s[-1]) if rank else float("inf"),
-        rank,
+        float(s[0] / s[-1]) if len(s) else float("inf"),
+        len(s),
         (gain @ (u.T @ shared))[keep],
         posterior,
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from tiltcal import __version__
 from tiltcal.calibration.result import Calibration, Estimate, Reference
-from tiltcal.calibration.validity import SIGNIFICANCE, Test, Verdict
+from tiltcal.calibration.validity import SIGNIFICANCE, Test, Verdict, threshold_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
@@ -20,6 +20,9 @@ from tiltcal.recordings.static_poses import Poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.statistics.least_squares import Fit
+
+DETERMINED = 0.5  # of a stated uncertainty: with less the readings say more than the statement
+MOST = np.sqrt(0.5)  # of a standard uncertainty: half of the variance
 
 
 def pick_sensor(
@@ -119,6 +122,7 @@ def wrap_up(
         )
     if fit_failed and (worst := worst_dwell(fit, poses)):
         notes.append(worst)
+    notes += reference_notes(poses.references, fit)
     covariance = fit.covariance * factor
     sigmas = np.sqrt(np.diag(covariance))
     parameters = {
@@ -140,9 +144,38 @@ def wrap_up(
         dof=fit.dof,
         heldout_rms=heldout or {},
         warnings=notes,
-        provenance=provenance(recording),
+        provenance=provenance(recording, fit.dropped),
         **split_of(poses.references, fit.names, fit.contributions, fit.posterior),
     )
+
+
+def reference_notes(references: References, fit: Fit) -> list[str]:
+    """What a recording says of its uncertain references: the error of each that it determines; of
+    each other one the parameters that take it up, where most of their uncertainty comes from it.
+    """
+    if not references.sources:
+        return []
+    shares = references.shares(fit.contributions).T
+    notes = []
+    for source, found, share in zip(
+        references.sources, references.single(fit.posterior), shares, strict=True
+    ):
+        if found is None:
+            continue
+        value, sigma = (source.standard * v for v in found)
+        stated = f"{source.standard:.4g} {source.unit}"
+        taken_up = [n for n, part in zip(fit.names, share > MOST * fit.sigmas, strict=True) if part]
+        if found[1] < DETERMINED:
+            notes.append(
+                f"{source.name} by this recording: {value:.6g} +- {sigma:.2g} {source.unit}"
+                f" (stated: 0 +- {stated})"
+            )
+        elif taken_up:
+            notes.append(
+                f"these readings do not distinguish {source.name} from {', '.join(taken_up)}:"
+                f" its {stated} stay in their uncertainty"
+            )
+    return notes
 
 
 def split_of(
@@ -226,12 +259,30 @@ def worst_dwell(fit: Fit, poses: Poses) -> str:
     )
 
 
-def provenance(recording: Recording) -> dict[str, str]:
-    """Where a calibration came from."""
+def undetermined_test(names: Sequence[str]) -> Test:
+    """The test that fails where a recording does not determine some parameters.
+
+    Args:
+        names: of them; none where it only leaves no residual.
+    """
+    words = f"the recording does not determine {', '.join(names)}"
+    if not names:
+        words = "the poses determine the model, and leave nothing to judge it by"
+    return threshold_test("determined", len(names), False, words)
+
+
+def provenance(recording: Recording, undetermined: Sequence[str] = ()) -> dict[str, Any]:
+    """Where a calibration came from.
+
+    Args:
+        recording: the readings.
+        undetermined: names of the parameters that they do not determine.
+    """
     return {
         "recording": recording.source,
         "made by": f"tiltcal {__version__}",
         **dict(recording.metadata),
+        **({"undetermined": list(undetermined)} if undetermined else {}),
     }
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.calibration.methods.common import whitening_of_means
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG_H, EARTH_RATE, G0
 from tiltcal.recordings.static_poses import Poses
@@ -60,7 +60,7 @@ class EarthRate:
         """With these components, (q,), in units of their priors: rad/s, (..., 3)."""
         return np.asarray(self.known + self.columns @ components)
 
-    def subset(self, mask: Array) -> "EarthRate":
+    def subset(self, mask: Mask) -> "EarthRate":
         """Some of the rows. mask: (m,)."""
         return EarthRate(self.known[mask], self.columns[mask])
 

@@ -26,10 +26,13 @@ from tiltcal.calibration.methods.gyro_turns_model import (
     Equations,
     Series,
     Turns,
+    angle_causes,
     collect_turns,
     misfit_of_turns,
+    propagated,
     solve,
     turn_errors,
+    with_stated_angles,
 )
 from tiltcal.calibration.methods.norm import norm
 from tiltcal.calibration.methods.terms import effect_of_term
@@ -65,13 +68,15 @@ def gyro_turns(
     segments: Sequence[Segment] | None = None,
     sensor: str | None = None,
     terms: Sequence[str] = TERMS[:3],
+    angle_sigma_deg: float = 0.0,
 ) -> Calibration:
     """Bias, scale factor, cross-axis terms and, with ``gsens``, g-sensitivity of a gyro triad
     turned by hand.
 
     Model: ``reading = b + (I + S + C) w + G f``, all terms from rests and turns together. At rest
     the reading is b + G f; it includes the Earth's rate, whose direction is unknown. The integrated
-    rate of a turn must propagate gravity's direction from one rest to the next.
+    rate of a turn must propagate gravity's direction from one rest to the next, and turn by the
+    angle that the label of its rows states, such as ``turn z 360``.
 
     Args:
         recording: rest, turn, rest, ... with an accelerometer triad beside the gyro triad.
@@ -79,14 +84,15 @@ def gyro_turns(
         segments: dwells to use.
         sensor: which gyro, when several fit.
         terms: of bias, scale, cross_axis, gsens.
+        angle_sigma_deg: standard uncertainty of a stated angle whose label has none, deg.
 
     Raises:
         TiltcalError: fewer than six turns, or an unknown term.
 
     Errors:
         A turn about the vertical does not change gravity's direction in the body: turn about each
-            axis while it is horizontal. The accelerometer is calibrated by its norm first; its
-            readings during the turns enter through G.
+            axis while it is horizontal, or state the angle. The accelerometer is calibrated by its
+            norm first; its readings during the turns enter through G.
 
     Source: docs/physics.md, "Gyro triads by gravity and by a table".
     """
@@ -96,26 +102,24 @@ def gyro_turns(
     live = data_tests(recording, gyro, accel)
     found = list(find_segments(recording)) if segments is None else list(segments)
     rests, turns, static = _turns_and_rests(recording, setup, found, gyro, accel)
+    turns, counted = with_stated_angles(turns, rests, recording, angle_sigma_deg * DEG)
     names = [*parameter_names(gyro.name, terms), *turns.names]
     fit, converged = solve(turns, static, names)
     if setup.budget and not fit.dropped:
         x = np.array([fit.value(n) for n in names])
-        equations = Equations(turns, static, names, np.ones(3), tangents(turns.after))
+        equations = Equations(turns, static, names, np.ones(4), tangents(turns.after))
         uncertain = _references(recording, setup, found, (gyro, accel), equations, x)
         rests = replace(rests, references=uncertain)
         fit, converged = solve(turns, static, names, x, rests.references)
     heldout = _held_out(turns, static, names, fit)
     gain = common_gain(fitted_sensitivity(fit, gyro.name))
-    tests = [_fit_test(turns, fit, names), _columns_test(turns, rests), *live]
+    tests = [_fit_test(turns, fit, names), _columns_test(turns, rests), *counted, *live]
     tests.append(unit_test(gyro, gain, recording.sensor(gyro).units[0]))
     if not tests[0].passed:
-        found_causes = misfit_of_turns(turns, static, names, fit, rests, gyro).explanations()
-        tests.append(cause_test(found_causes, recording.source))
-    warnings = [
-        f"held-out error of gravity's direction after a turn: {heldout / DEG:.3g} deg rms",
-        _earth_note(setup),
-        *_shear_notes(turns),
-    ]
+        tried = misfit_of_turns(turns, static, names, fit, rests, gyro).explanations()
+        tried += angle_causes(turns, static, names, fit, rests)
+        tests.append(cause_test(tried, recording.source))
+    warnings = _notes(setup, turns, GyroModel(fit, names), heldout)
     fit = fit.selected(np.array([not name.startswith(PRIOR) for name in fit.names]))
     return wrap_up(
         NAME,
@@ -140,6 +144,30 @@ def _earth_note(setup: Setup) -> str:
         f"the Earth's rate at {setup.site.latitude_deg:g} deg is taken off, its horizontal part"
         " with a fitted heading"
     )
+
+
+def _notes(setup: Setup, turns: Turns, model: GyroModel, heldout: float) -> list[str]:
+    """What is fitted beside the terms, and how well turns agree. heldout: rms angle, rad."""
+    return [
+        f"held-out error of gravity's direction after a turn: {heldout / DEG:.3g} deg rms",
+        _earth_note(setup),
+        *_shear_notes(turns),
+        *_angle_notes(turns, model),
+    ]
+
+
+def _angle_notes(turns: Turns, model: GyroModel) -> list[str]:
+    """How well the stated angles agree with the integrated ones, if any is stated."""
+    stated = turns.stated
+    if not len(stated):
+        return []
+    errors = propagated(turns, [model])[1][0]
+    worst = np.abs(errors).max() / DEG
+    rms = np.sqrt(np.mean(errors**2)) / DEG
+    return [
+        f"the angle of {len(stated)} of {len(turns)} turns is stated: integrated to {rms:.3g} deg"
+        f" rms, {worst:.3g} deg at worst"
+    ]
 
 
 def _shear_notes(turns: Turns) -> list[str]:

@@ -16,12 +16,15 @@ from tiltcal.calibration.methods.gyro_model import (
     GyroModel,
     StaticRates,
     earth_in_body,
+    parameter_names,
 )
+from tiltcal.calibration.methods.stated_angles import NO_ANGLES, StatedAngles, stated_angles
 from tiltcal.calibration.screen.causes import Misfit, lacking_terms, part_words
-from tiltcal.calibration.validity import SIGNIFICANCE
-from tiltcal.core.arrays import Array
-from tiltcal.core.frames import angle_between, tangents
-from tiltcal.core.units import G0
+from tiltcal.calibration.screen.explanations import Explanation, explanation
+from tiltcal.calibration.validity import SIGNIFICANCE, Test, threshold_test
+from tiltcal.core.arrays import Array, Mask
+from tiltcal.core.frames import AXES, angle_between, tangents
+from tiltcal.core.units import DEG, G0
 from tiltcal.effects.sense import Sense
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.references import NO_REFERENCES, References
@@ -32,6 +35,7 @@ from tiltcal.statistics.least_squares import CommonErrors, Fit, gauss_newton
 RATE_STEP = 1e-5  # rad/s: of an error of the readings, for its derivative
 STEPS = {"gsens": 1.0, "prior": 0.1}  # deg/h/g; of the size of a prior
 MEMORY_LIMIT = 300_000  # samples of all models that are integrated at a time
+ANOTHER_TURN = np.pi  # rad: a scale error of a quarter over two turns
 EDGE = 0.5  # s of rest beside a turn over which gravity's direction is averaged
 
 
@@ -48,6 +52,7 @@ class Turns:
         earth: the Earth's rate at each sample, (m, n).
         shear: standard deviation of each cross-axis term of the accelerometer that its norm does
             not determine; 0 where it determines them.
+        stated: total angles of some of the turns.
     """
 
     rate: Array
@@ -58,13 +63,14 @@ class Turns:
     sigma: Array
     earth: EarthRate
     shear: float = 0.0
+    stated: StatedAngles = NO_ANGLES
 
     @property
     def names(self) -> list[str]:
         """Of what is fitted beside the terms, with a prior."""
         return [*self.earth.names, *(f"{FORCE}{p}" for p in SHEARS if self.shear)]
 
-    def subset(self, mask: Array) -> "Turns":
+    def subset(self, mask: Mask) -> "Turns":
         """Some of the turns. mask: (turns,)."""
         return Turns(
             self.rate[mask],
@@ -75,6 +81,7 @@ class Turns:
             self.sigma[mask],
             self.earth.subset(mask),
             self.shear,
+            self.stated.subset(mask),
         )
 
     def __len__(self) -> int:
@@ -143,8 +150,6 @@ def collect_turns(
     starts_of_rests = [(s.start_s, s.start_s + EDGE, s.start_s) for s in rests.spans[1:]]
     before = _edge_directions(force, angle, ends_of_rests)
     after = _edge_directions(force, angle, starts_of_rests)
-    # the integrated noise of the gyro
-    walk = np.trace(rests.noise) / 3 * rests.inflation * (step**2).sum(axis=1)
     offset = np.median(reading.values - turning.values, axis=0)
     at_rest, during = _attitudes(rate - offset, step, before, after)
     turns = Turns(
@@ -153,10 +158,77 @@ def collect_turns(
         step,
         before,
         after,
-        np.sqrt(2 * sigma**2 + walk),
+        np.sqrt(2 * sigma**2 + integrated_noise(rests, step)),
         earth_in_body(during, latitude),
     )
     return turns, earth_in_body(at_rest, latitude)
+
+
+def integrated_noise(rests: Poses, step: Array) -> Array:
+    """Variance of each component of the integrated rate by the noise of the gyro, rad^2, (m,).
+
+    Args:
+        rests: of the gyro.
+        step: time interval of each sample of the turns, s, (m, n).
+    """
+    return np.asarray(np.trace(rests.noise) / 3 * rests.inflation * (step**2).sum(axis=1))
+
+
+def with_stated_angles(
+    turns: Turns, rests: Poses, recording: Recording, sigma: float
+) -> tuple[Turns, list[Test]]:
+    """The turns with the angles that labels state, but for those of another number of turns, and
+    the test that names these; the noise of the gyro is in the uncertainty of an angle.
+
+    Args:
+        turns: of the recording.
+        rests: of the gyro.
+        recording: with labels.
+        sigma: standard uncertainty of an angle whose label states none, rad.
+    """
+    found = stated_angles(recording, rests.spans, sigma)
+    if not len(found):
+        return turns, []
+    noise = integrated_noise(rests, turns.step)[found.turn]
+    found = replace(found, sigma=np.sqrt(found.sigma**2 + noise))
+    names = parameter_names(rests.sensor.name, ["bias"])
+    plain = GyroModel(rests.means.mean(axis=0), names)
+    every = replace(turns, earth=EarthRate.none(*turns.step.shape), stated=found)
+    errors = propagated(every, [plain])[1][0]
+    other = np.abs(errors) > ANOTHER_TURN
+    words = [_stated_words(found, int(j), float(errors[j]), rests) for j in np.flatnonzero(other)]
+    statement = "; ".join(words) or "the gyro turned as often as stated"
+    test = threshold_test("number of turns", len(words), not words, statement)
+    return replace(turns, stated=found.at(~other)), [test]
+
+
+def _stated_words(stated: StatedAngles, j: int, error: float, rests: Poses) -> str:
+    """A turn with its stated and its integrated angle. j: number of the angle; error: rad."""
+    k, axis, angle = stated.turn[j], AXES[int(np.argmax(stated.axis[j]))], stated.angle[j] / DEG
+    turn = part_words("turn", rests.spans[k].end_s, rests.spans[k + 1].start_s)
+    return f"{turn} is stated as {angle:g} deg about {axis}, and was {angle - error / DEG:.5g}"
+
+
+def angle_causes(
+    turns: Turns, static: StaticRates, names: Sequence[str], fit: Fit, rests: Poses
+) -> list[Explanation]:
+    """Each stated angle as the one that is wrong, with the angle that the others make of it.
+
+    Args:
+        turns, static: that were fitted.
+        names: of the parameters.
+        fit: of them.
+        rests: of the gyro.
+    """
+    x, stated = np.array([fit.value(n) for n in names]), turns.stated
+    found = []
+    for j in range(len(stated)):
+        others = replace(turns, stated=stated.at(np.arange(len(stated)) != j))
+        part, _ = solve(others, static, names, x)
+        error = propagated(turns, [GyroModel(part, names)])[1][0, j]
+        words = _stated_words(stated, j, float(error), rests)
+        found.append(explanation(words, part, len(stated), readings=len(fit.residuals)))
+    return found
 
 
 def _attitudes(rate: Array, step: Array, before: Array, after: Array) -> tuple[Array, Array]:
@@ -240,17 +312,20 @@ def _edge_directions(
     return np.array(found) / np.linalg.norm(found, axis=1)[:, None]
 
 
-def propagated(turns: Turns, models: Sequence[GyroModel]) -> Array:
-    """Gravity's direction at the end of each turn by the integrated rate of each model,
-    (k, m, 3).
+def propagated(turns: Turns, models: Sequence[GyroModel]) -> tuple[Array, Array]:
+    """Gravity's direction at the end of each turn by the integrated rate of each model, (k, m, 3),
+    and the error of each stated angle, rad, (k, q).
     """
-    k = len(models)
+    k, m = len(models), len(turns)
     rates = np.concatenate(
         [model.rate(turns.rate, turns.force) - turns.earth.rate(model.earth) for model in models]
     )
-    rotations = _products(rates, np.tile(turns.step, (k, 1)))
-    before = np.concatenate([m.directions(turns.before, turns.shear) for m in models])[:, :, None]
-    return np.asarray(rotations @ before).reshape(k, len(turns), 3)
+    step = np.tile(turns.step, (k, 1))
+    rotations = _products(rates, step).reshape(k, m, 3, 3)
+    before = np.array([m.directions(turns.before, turns.shear) for m in models])
+    integrals = np.einsum("min,mi->mn", rates, step).reshape(k, m, 3)
+    after = np.einsum("kmij,kmj->kmi", rotations, before)
+    return np.asarray(after), turns.stated.errors(rotations, integrals)
 
 
 def _products(rate: Array, step: Array) -> Array:
@@ -272,17 +347,17 @@ def turn_errors(turns: Turns, model: GyroModel) -> Array:
     (m,).
     """
     after = model.directions(turns.after, turns.shear)
-    return angle_between(propagated(turns, [model])[0], after)
+    return angle_between(propagated(turns, [model])[0][0], after)
 
 
 @dataclass(frozen=True)
 class Equations:
-    """Residuals of turns, rests and priors.
+    """Residuals of turns, stated angles, rests and priors.
 
     Args:
         turns, static: readings.
         names: of the parameters, (p,).
-        weight: of the three groups, (3,).
+        weight: of the four groups, (4,).
         across: directions in which those of the turns are taken, (m, 2, 3); across those after
             unless given.
     """
@@ -300,8 +375,13 @@ class Equations:
 
     @property
     def sizes(self) -> list[int]:
-        """Number of equations of the three groups."""
-        return [2 * len(self.turns), self.static.means.size, len(self.prior)]
+        """Number of equations of the four groups."""
+        return [
+            2 * len(self.turns),
+            len(self.turns.stated),
+            self.static.means.size,
+            len(self.prior),
+        ]
 
     @property
     def weights(self) -> Array:
@@ -318,18 +398,20 @@ class Equations:
         turns = self.turns
         across = tangents(turns.after) if self.across is None else self.across
         after = np.array([model.directions(turns.after, turns.shear) for model in models])
-        error = propagated(turns, models) - after
+        carried, stated = propagated(turns, models)
+        error = carried - after
         angles = np.einsum("mij,kmj->kmi", across, error) / turns.sigma[:, None]
         at_rest = np.array([self.static.residual(model) for model in models])
         weight = self.weight
-        groups = [angles.reshape(len(X), -1) * weight[0], at_rest * weight[1], X[:, self.prior]]
-        return np.hstack(groups)
+        groups = [angles.reshape(len(X), -1), stated / turns.stated.sigma, at_rest]
+        return np.hstack([*(g * w for g, w in zip(groups, weight, strict=False)), X[:, self.prior]])
 
     def measuring(self, turns: Turns, static: StaticRates) -> "Equations":
         """Of changed readings, in units of the same noise and along the same directions."""
         static = static.moved(np.zeros_like(static.means))
         static.whiten = self.static.whiten
-        return replace(self, turns=replace(turns, sigma=self.turns.sigma), static=static)
+        turns = replace(turns, sigma=self.turns.sigma, stated=self.turns.stated)
+        return replace(self, turns=turns, static=static)
 
     def slopes(self, x: Array) -> Array:
         """Derivatives by the parameters, (n, p)."""
@@ -377,7 +459,7 @@ def solve(
         start: parameters to start from, SI, (p,).
         uncertain: what references add to the residuals, (q, n, 1).
     """
-    equations = Equations(turns, static, names, np.ones(3))
+    equations = Equations(turns, static, names, np.ones(4))
 
     def problem(x: Array) -> tuple[Array, Array]:
         return equations.residuals(x[None])[0], equations.slopes(x)
@@ -390,8 +472,8 @@ def solve(
         fit, converged = gauss_newton(names, x, problem, common=common, limit=15)
         x = np.array([fit.value(n) for n in names])
         unweighted = fit.residuals / equations.weights
-        parts = np.split(unweighted, np.cumsum(equations.sizes[:2]))
-        misfit = np.array([*(_misfit(part) for part in parts[:2]), 1.0])
+        parts = np.split(unweighted, np.cumsum(equations.sizes[:3]))
+        misfit = np.array([*(_misfit(part) for part in parts[:3]), 1.0])
         if fit.dropped or not converged or np.allclose(misfit * equations.weight, 1.0, rtol=0.01):
             break
         equations = replace(equations, weight=1 / misfit)
@@ -414,7 +496,7 @@ def misfit_of_turns(
     x = np.array([fit.value(n) for n in names])
     model = GyroModel(x, names)
     m, n = turns.step.shape
-    equations = Equations(turns, static, names, np.ones(3))
+    equations = Equations(turns, static, names, np.ones(4))
     begins = np.array([s.end_s for s in rests.spans[:-1]])
     time = (begins[:, None] + np.cumsum(turns.step, axis=1)).ravel()
     rest_time = np.array([(s.start_s + s.end_s) / 2 for s in rests.spans])

@@ -5,12 +5,20 @@ Poses of known attitude that do not fit: the single causes that would explain th
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 
 from tiltcal.calibration.methods.common import fitted_sensitivity, whitening_of_means
-from tiltcal.calibration.methods.known_attitude_model import DRIFT, Model, design_of, solve
+from tiltcal.calibration.methods.known_attitude_model import (
+    DRIFT,
+    Model,
+    Turned,
+    design_of,
+    solve,
+    solve_about_errors,
+)
 from tiltcal.calibration.screen.causes import Misfit, at_poses, cause_test
 from tiltcal.calibration.screen.columns import (
     column_orders,
@@ -25,9 +33,11 @@ from tiltcal.calibration.validity import Test, chi2_test, threshold_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import AXES, angle_between
 from tiltcal.core.units import ARCSEC, DEG
+from tiltcal.effects.table.readout import EncoderZero, zero_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import Poses, group_directions
 from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.sources import SourceTable
 from tiltcal.statistics.least_squares import Fit
 
 SUSPECTS = 8  # dwells that are tried at other attitudes: those that spoil the fit most
@@ -44,20 +54,27 @@ def is_plausible(M: Array) -> bool:
 
 
 def causes(
-    poses: Poses, model: Model, fit: Fit, recording: Recording, *, fits: bool
+    poses: Poses,
+    model: Model,
+    fit: Fit,
+    recording: Recording,
+    turned: Turned,
+    *,
+    fits: bool,
 ) -> list[Explanation]:
     """Every single cause that was tried: attitudes and columns, and those that all methods try of
     what a fit leaves.
 
-    Attitudes and columns that leave an implausible sensitivity of a triad are left out.
+    Attitudes, columns and zeros that leave an implausible sensitivity of a triad are left out.
 
     Args:
         poses: of known attitude.
         model, fit: of their means.
         recording: that the poses are of.
+        turned: the poses under other references, and with errors of the table.
         fits: whether the fit leaves nothing, and only its sensitivity is implausible.
     """
-    tried, sensor = list(_attitudes(poses, model)), poses.sensor
+    tried, sensor = [*_attitudes(poses, model), *_zeros(poses, model, turned)], poses.sensor
     if len(sensor.axes) == 3:
         tried += _columns(poses, model)
         tried = [t for t in tried if is_plausible(fitted_sensitivity(t[1], sensor.name))]
@@ -104,6 +121,25 @@ def _attitudes(poses: Poses, model: Model) -> Iterator[tuple[Explanation, Fit]]:
             yield explanation(words, part, len(poses) * len(others)), part
 
 
+def _zeros(poses: Poses, model: Model, turned: Turned) -> Iterator[tuple[Explanation, Fit]]:
+    """The zero of an angle readout is off, by a size that a table may have at most."""
+    stated = {name for s in poses.references.sources for e in s.effects for name in e.values}
+    axes = [a for a in model.setup.rig.kind.turning if zero_of(a) not in stated]
+    for axis in axes if poses.angles else ():
+        (largest,) = {p.plausible[-1] for p in EncoderZero.parameters if p.name == zero_of(axis)}
+        table = SourceTable.model_validate(
+            {"id": EncoderZero.id, f"{zero_of(axis)}_arcsec": largest}
+        )
+        setup = model.setup.model_copy(update={"budget": (*model.setup.budget, table)})
+        _, part, _ = solve_about_errors(turned(setup, ()), model, partial(turned, setup))
+        value, sigma = largest * part.posterior[:, -1]
+        words = (
+            f"the zero of the readout of axis {axis} is off by {value:.5g} +- {sigma:.2g} arcsec"
+            f" (fit it: state {EncoderZero.id} in [[budget]])"
+        )
+        yield explanation(words, part, len(axes), further=1), part
+
+
 def _suspects(poses: Poses, model: Model) -> list[int]:
     """The dwells without which the others fit best."""
     left = []
@@ -130,7 +166,9 @@ def _columns(poses: Poses, model: Model) -> Iterator[tuple[Explanation, Fit]]:
         yield explanation(exchanged_words(order, signs), part, 47), part
 
 
-def known_attitude_tests(poses: Poses, model: Model, fit: Fit, recording: Recording) -> list[Test]:
+def known_attitude_tests(
+    poses: Poses, model: Model, fit: Fit, recording: Recording, turned: Turned
+) -> list[Test]:
     """Consistency of the poses with its most probable cause, second order, drift; for a triad
     unit, columns and faces.
 
@@ -138,6 +176,7 @@ def known_attitude_tests(poses: Poses, model: Model, fit: Fit, recording: Record
         poses: of known attitude.
         model, fit: of their means.
         recording: that the poses are of.
+        turned: the poses under other references, and with errors of the table.
     """
     unit = recording.sensor(poses.sensor).units[0]
     words = f"residuals of {fit.dof} redundant equations against the noise of the means"
@@ -151,7 +190,7 @@ def known_attitude_tests(poses: Poses, model: Model, fit: Fit, recording: Record
         plausible = is_plausible(M)
         tests += [unit_test(poses.sensor, common_gain(M), unit), order_test(M)]
     if not tests[0].passed or not plausible:
-        tried = causes(poses, model, fit, recording, fits=tests[0].passed)
+        tried = causes(poses, model, fit, recording, turned, fits=tests[0].passed)
         tests.append(cause_test(tried, recording.source))
     return [*tests, _faces_complete(poses)] if triad else tests
 

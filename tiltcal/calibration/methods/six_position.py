@@ -3,10 +3,16 @@
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import pick_sensor, with_equation, wrap_up
+from tiltcal.calibration.methods.common import (
+    pick_sensor,
+    undetermined_test,
+    with_equation,
+    wrap_up,
+)
 from tiltcal.calibration.methods.known_attitude_checks import (
     fixture_rotation,
     known_attitude_tests,
@@ -15,22 +21,24 @@ from tiltcal.calibration.methods.known_attitude_model import (
     DRIFT,
     Model,
     leave_directions_out,
-    solve,
+    solve_about_errors,
     without_drift,
 )
+from tiltcal.calibration.methods.terms import LINEAR, require_names
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.screen.outliers import outlier_tests
-from tiltcal.calibration.validity import threshold_test, verdict_of
+from tiltcal.calibration.validity import verdict_of
 from tiltcal.core.errors import TiltcalError
+from tiltcal.effects.base import Effect
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.recordings.table_columns import other_tables
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
 NAME = "six_position"
-LINEAR = ("bias", "scale", "cross_axis")
 
 
 def six_position(
@@ -63,27 +71,29 @@ def six_position(
     Errors:
         A pose error e enters scale as e^2/2 and cross-axis as e. A rotation common to all poses
             (fixture, mounting) is the antisymmetric part of the cross-axis matrix: the two cannot
-            be distinguished. K3 is absorbed by the scale factor.
+            be distinguished. K3 is absorbed by the scale factor. A zero of the readout that is
+            stated as an uncertain reference is fitted, where it is no such rotation.
 
     Source: patent CN 113295887 A (docs/sources.md, "Six-position calibration"); docs/physics.md,
     "Six positions".
     """
-    _require_names(terms)
+    require_names(terms, NAME)
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
     live = data_tests(recording, used)
-    poses, warnings = _poses_of_known_attitude(
-        find_poses(recording, setup, used, segments), recording, setup.rig.table
-    )
+
+    def turned(where: Setup, errors: tuple[Effect, ...]) -> Poses:
+        return _poses_of_known_attitude(recording, where, used, segments, errors)[0]
+
+    poses, warnings = _poses_of_known_attitude(recording, setup, used, segments)
     start, end = float(recording.time[0]), float(recording.time[-1])
     model = Model(setup, terms, start, end - start)
-    fit, units = solve(poses, model)
+    poses, fit, units = solve_about_errors(poses, model, partial(turned, setup))
     live += outlier_tests(recording, poses)
-    tests = [*known_attitude_tests(poses, model, fit, recording), *live]
+    tests = [*known_attitude_tests(poses, model, fit, recording, turned), *live]
     warnings.append(fixture_rotation(fit, used))
     determined = not fit.dropped and fit.dof > 0
     if not determined:
-        words = f"{len(poses)} poses do not determine the model"
-        tests.append(threshold_test("determined", len(fit.dropped), False, words, dof=fit.dof))
+        tests.append(undetermined_test(fit.dropped))
     heldout = leave_directions_out(poses, model) if not fit.dropped else {}
     if DRIFT in terms:
         fit, units, words = without_drift(fit, units, used)
@@ -104,29 +114,22 @@ def six_position(
     return with_equation(result, used, setup)
 
 
-def _require_names(terms: Sequence[str]) -> None:
-    """Refuse anything but a list of names."""
-    listed = isinstance(terms, Sequence) and not isinstance(terms, str)
-    if not listed or not all(isinstance(t, str) for t in terms):
-        raise TiltcalError(
-            f"method {NAME}, option terms",
-            found=repr(terms),
-            need="a list of names",
-            do='write terms=\'["bias", "scale"]\'',
-        )
-
-
 def _poses_of_known_attitude(
-    poses: Poses, recording: Recording, table: str
+    recording: Recording,
+    setup: Setup,
+    sensor: Sensor,
+    segments: Sequence[Segment] | None,
+    errors: tuple[Effect, ...] = (),
 ) -> tuple[Poses, list[str]]:
     """The poses whose attitude is known, and a warning where there are others."""
+    poses = find_poses(recording, setup, sensor, segments, errors)
     known = np.asarray(~np.isnan(poses.up).any(axis=1))
     if not known.any():
         raise TiltcalError(
             recording.source,
             found=f"{len(poses)} dwells without table readout or direction label",
             need="attitudes: table columns, or labels such as +x, -z, [0, 1, 1]",
-            do="label the dwells, or use --method norm" + other_tables(recording, table),
+            do="label the dwells, or use --method norm" + other_tables(recording, setup.rig.table),
         )
     if known.all():
         return poses.subset(known), []

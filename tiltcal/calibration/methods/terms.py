@@ -18,6 +18,24 @@ from tiltcal.setup.setup import Setup
 _PREFIX = {"accelerometer": "acc", "inclinometer": "acc", "gyro": "gyr", "fog": "fog"}
 _SI = {"accelerometer": "m_s2", "inclinometer": "m_s2", "gyro": "rad_s", "fog": "rad_s"}
 
+LINEAR = ("bias", "scale", "cross_axis")
+
+
+def require_names(terms: Sequence[str], method: str) -> None:
+    """Refuse anything but a list of names.
+
+    Raises:
+        TiltcalError: it is another value.
+    """
+    listed = isinstance(terms, Sequence) and not isinstance(terms, str)
+    if not listed or not all(isinstance(t, str) for t in terms):
+        raise TiltcalError(
+            f"method {method}, option terms",
+            found=repr(terms),
+            need="a list of names",
+            do='write terms=\'["bias", "scale"]\'',
+        )
+
 
 def effect_of_term(term: str, sensor: Sensor) -> type[TermEffect]:
     """The effect class of ``bias``, ``scale``, ``cross_axis``, ``K2`` ... or a catalogue id, on a
@@ -73,7 +91,7 @@ def columns_under(
                 block = np.zeros((len(sense.time), len(sensor.axes)))
                 if channel >= 0:
                     block[:, channel] = column
-                linear = term in ("bias", "scale", "cross_axis")
+                linear = term in LINEAR
                 unit = _SI[sensor.kind] if term == "bias" else "1" if linear else parameter.unit
                 columns.append(block if linear else block * parameter.factor)
                 names.append(f"{sensor.name}.{_cal_name(name)}")

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import provenance, split_of
+from tiltcal.calibration.methods.common import provenance, split_of, undetermined_test
+from tiltcal.calibration.methods.terms import LINEAR, require_names
 from tiltcal.calibration.methods.thermal_blocks import (
     BlockFit,
     blocks_of,
@@ -19,11 +20,13 @@ from tiltcal.calibration.methods.thermal_blocks import (
 from tiltcal.calibration.methods.thermal_model import (
     Blocks,
     Choice,
+    Further,
     compared,
     estimate,
     memories,
     names,
     smallest,
+    units,
 )
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.calibration.screen.causes import cause_test
@@ -57,6 +60,7 @@ def thermal(
     *,
     segments: Sequence[Segment] | None = None,
     sensor: str | None = None,
+    terms: Sequence[str] = LINEAR,
 ) -> Calibration:
     """Bias of every channel as a polynomial of temperature with a memory of earlier temperatures;
     where attitudes are known and vary, scale factor and cross-axis terms likewise.
@@ -71,9 +75,13 @@ def thermal(
         setup: with the sensors; attitudes from the table's readout or labels, where there are any.
         segments: dwells to use; unless given those found, or the whole recording where none is.
         sensor: which; all that are recorded unless given.
+        terms: linear effects of an accelerometer or inclinometer that are fitted where attitudes
+            are known and vary; bias, scale and cross_axis always are, and they alone over
+            temperature.
 
     Raises:
-        TiltcalError: no temperature, one that hardly changes, or too few readings.
+        TiltcalError: no temperature, one that hardly changes, too few readings, or further terms
+            that are unknown or without known attitudes.
 
     Errors:
         At one attitude scale and cross-axis errors are part of the bias over temperature. A
@@ -82,12 +90,8 @@ def thermal(
 
     Source: IEEE 1293-2018, temperature sensitivities of the model equation; Breiman et al. (1984).
     """
-    used = [s for s in setup.sensor if recording.has(s) and sensor in (None, s.name)]
-    if not used:
-        found = sensor or ", ".join(s.name for s in setup.sensor)
-        raise TiltcalError(
-            f"method {NAME}", found=f"no columns of {found}", need="a sensor", do="name another"
-        )
+    require_names(terms, NAME)
+    used = _sensors(recording, setup, sensor)
     temperature = temperature_of(recording)
     stretches, warnings = stretches_at_rest(recording, segments)
     span = float(np.ptp(temperature))
@@ -97,7 +101,7 @@ def thermal(
         for m in memories(recording.time, span)
     ]
     reference = float(np.mean(temperature))
-    parts = [_part(recording, setup, s, stretches, tried, reference, span / 2) for s in used]
+    parts = [_part(recording, setup, s, stretches, tried, reference, span / 2, terms) for s in used]
     memory = _common_memory(parts)
     parts = [p.under(memory) for p in parts]
     shared = {
@@ -116,9 +120,23 @@ def thermal(
         if not tests[-1].passed:
             tests.append(part.cause(fit, setup, recording))
     warnings += [note for p in parts for note in p.notes()]
-    result = _calibration(recording, parts, shared, tests, warnings, stretches)
+    dropped = [name for p in parts for name in p.dropped()]
+    if dropped:
+        tests.append(undetermined_test(dropped))
+    result = _calibration(recording, parts, shared, tests, warnings, stretches, dropped)
     dof = sum(fit.dof for fit in fits)
     return replace(result, chi2_per_dof=sum(fit.chi2 for fit in fits) / max(dof, 1), dof=dof)
+
+
+def _sensors(recording: Recording, setup: Setup, name: str | None) -> list[Sensor]:
+    """The recorded sensors, or the named one."""
+    used = [s for s in setup.sensor if recording.has(s) and name in (None, s.name)]
+    if used:
+        return used
+    found = name or ", ".join(s.name for s in setup.sensor)
+    raise TiltcalError(
+        f"method {NAME}", found=f"no columns of {found}", need="a sensor", do="name another"
+    )
 
 
 def _channels_tested(
@@ -165,9 +183,9 @@ class SensorFit:
         )
 
     def left(self) -> tuple[Array, int]:
-        """Residual of each block, SI, (n, k), and how many columns each channel was fitted with."""
+        """Residual of each block, SI, (n, k), and how many parameters were fitted to them."""
         found = estimate(self.choice, self.blocks)
-        return found.residuals, len(found.keep)
+        return found.residuals, found.rank
 
     def cause(self, fit: BlockFit, setup: Setup, recording: Recording) -> Test:
         """The cause of a misfit. fit: how well the blocks were fitted."""
@@ -175,8 +193,8 @@ class SensorFit:
         for finding in findings_of(recording, ()):
             if finding.column.startswith("temperature_"):
                 return threshold_test(name, 1, False, finding.statement)
-        left, X = self.left()[0], self.choice.design.X
-        misfit = misfit_of_blocks(self.sensor, setup, self.blocks, fit, left, X)
+        left, design = self.left()[0], self.choice.design
+        misfit = misfit_of_blocks(self.sensor, setup, self.blocks, fit, left, design)
         return cause_test(misfit.explanations(), recording.source, name)
 
     def heldout_test(self) -> Test:
@@ -207,31 +225,30 @@ class SensorFit:
             )
         return notes
 
+    def dropped(self) -> list[str]:
+        """Names of the parameters that the blocks do not determine."""
+        fits, design = estimate(self.choice, self.blocks).channels, self.choice.design
+        return [n for i, fit in enumerate(fits) for n in names(self.sensor, i, design, fit.dropped)]
+
     def parameters(self) -> tuple[dict[str, Estimate], list[Array], Array]:
         """Estimates by name, the covariance of each channel, SI, (p, p), and what one standard
         uncertainty of each reference changes, (all p, q).
         """
-        fit = estimate(self.choice, self.blocks)
-        keep, values = fit.keep, fit.values
-        powers = np.maximum(self.choice.design.power[keep], 0)
-        force = np.where(self.choice.design.axis[keep] >= 0, G0, 1.0)
-        factor = 1 / (self.scale**powers * force)
-        si = "m_s2" if self.sensor.quantity != "rate" else "rad_s"
-        found: dict[str, Estimate] = {}
+        design, found = self.choice.design, dict[str, Estimate]()
         blocks, changes = [], []
-        for i, axis in enumerate(self.sensor.axes):
-            called = names(self.sensor.name, axis, self.choice.design, keep)
+        for i, fit in enumerate(estimate(self.choice, self.blocks).channels):
+            powers = np.maximum(design.power[fit.keep], 0)
+            force = np.where(design.axis[fit.keep] >= 0, G0, 1.0)
+            factor = 1 / (self.scale**powers * force)
+            called = names(self.sensor, i, design, fit.keep)
             kept = [k for k, n in enumerate(called) if self.known or ".bias_" not in n]
-            C = fit.covariances[i] * np.outer(factor, factor)
+            C = fit.covariance * np.outer(factor, factor)
             blocks.append(C[np.ix_(kept, kept)])
-            changes.append((fit.contributions[i] * factor[:, None])[kept])
+            changes.append((fit.contributions * factor[:, None])[kept])
+            unit = units(self.sensor, self.choice, fit.keep)
             for k in kept:
-                base = si if "bias" in called[k] or "tempmem" in called[k] else "1"
-                lag = "tempmem" in called[k] and self.choice.model.memory.kind == "lag"
-                power = 1 if lag else powers[k]
-                unit = base if power == 0 else f"{base}_degC{power}"
-                value, sigma = values[k, i] * factor[k], np.sqrt(max(C[k, k], 0.0))
-                found[called[k]] = Estimate(float(value), float(sigma), unit)
+                value, sigma = fit.values[k] * factor[k], np.sqrt(max(C[k, k], 0.0))
+                found[called[k]] = Estimate(float(value), float(sigma), unit[k])
         return found, blocks, np.concatenate(changes)
 
 
@@ -250,10 +267,13 @@ def _part(
     tried: Sequence[tuple[Memory, TemperatureCourse]],
     reference: float,
     scale: float,
+    terms: Sequence[str],
 ) -> SensorFit:
     """All models of one sensor."""
     blocks, known = blocks_of(recording, setup, sensor, stretches)
-    found = compared(blocks, tried, reference, scale)
+    named = [] if sensor.quantity == "rate" else [t for t in terms if t not in LINEAR]
+    further = Further.of(named, sensor, setup, blocks)
+    found = compared(blocks, tried, reference, scale, further)
     return SensorFit(sensor, blocks, found, smallest(found), scale, known)
 
 
@@ -298,6 +318,7 @@ def _calibration(
     tests: Sequence[Test],
     warnings: Sequence[str],
     stretches: Sequence[Segment],
+    dropped: Sequence[str],
 ) -> Calibration:
     from scipy.linalg import block_diag
 
@@ -314,7 +335,7 @@ def _calibration(
     spans = [PoseSpan(s.start, s.end, s.label) for s in stretches]
     return Calibration(
         NAME,
-        verdict_of(tests),
+        verdict_of(tests, not dropped),
         parameters,
         block_diag(*covariances),
         "reading = bias + M f + sum_n (T - T0)^n (bias_n + M_n f) + tempmem h",
@@ -323,6 +344,6 @@ def _calibration(
         tests=list(tests),
         heldout_rms={p.sensor.name: float(np.sqrt(np.mean(p.choice.heldout**2))) for p in parts},
         warnings=list(warnings),
-        provenance=provenance(recording),
+        provenance=provenance(recording, dropped),
         **split_of(uncertain, list(parameters), np.concatenate(changes)),
     )

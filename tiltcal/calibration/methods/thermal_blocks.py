@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.calibration.methods.thermal_model import FOLDS, Blocks
+from tiltcal.calibration.methods.thermal_model import FOLDS, Blocks, Design
 from tiltcal.calibration.screen.causes import Misfit, lacking_terms, part_words
 from tiltcal.calibration.validity import Test, chi2_test
 from tiltcal.core.arrays import Array
@@ -148,7 +148,7 @@ class BlockFit:
 
 
 def fit_over_blocks(
-    recording: Recording, setup: Setup, sensor: Sensor, blocks: Blocks, left: Array, columns: int
+    recording: Recording, setup: Setup, sensor: Sensor, blocks: Blocks, left: Array, rank: int
 ) -> BlockFit:
     """How well the blocks of a sensor were fitted.
 
@@ -158,7 +158,7 @@ def fit_over_blocks(
         sensor: which.
         blocks: fitted.
         left: their residuals, SI, (n, k).
-        columns: fitted to each channel.
+        rank: number of parameters that were fitted to all channels.
     """
     samples = recording.sensor(sensor)
     full = np.full((len(recording), left.shape[1]), np.nan)
@@ -194,12 +194,12 @@ def fit_over_blocks(
     rows = blocks.rows[stretch == k]
     time = recording.time
     worst = (float(time[rows[0, 0]]), float(time[rows[-1, 1] - 1]), by_stretch[k])
-    dof = max(left.size - columns * left.shape[1], 1)
+    dof = max(left.size - rank, 1)
     return BlockFit(sensor.name, float(scaled.sum()), dof, allowed, worst, sigma)
 
 
 def misfit_of_blocks(
-    sensor: Sensor, setup: Setup, blocks: Blocks, fit: BlockFit, left: Array, X: Array
+    sensor: Sensor, setup: Setup, blocks: Blocks, fit: BlockFit, left: Array, widest: Design
 ) -> Misfit:
     """What a fit of blocks leaves.
 
@@ -209,14 +209,15 @@ def misfit_of_blocks(
         blocks: that were fitted.
         fit: how well.
         left: residuals, SI, (n, k).
-        X: columns of the widest model, so that its choice cannot hide a cause, (n, p).
+        widest: columns of the widest model, so that its choice cannot hide a cause.
     """
     n, k = left.shape
     force = np.zeros((n, 3)) if blocks.force is None else blocks.force * G0
     sense = Sense.at_rest(sensor, setup.site.gravity, force)
     sense = replace(sense, time=blocks.time, elapsed=blocks.time - blocks.time[0])
     inputs = force[:, list(sensor.axis_indices)] if sensor.quantity != "rate" else np.zeros((n, k))
-    design = np.einsum("np,ij,ni->nipj", X, np.eye(k), 1 / fit.sigma).reshape(n * k, -1)
+    each = np.einsum("np,ij,ni->nipj", widest.X, np.eye(k), 1 / fit.sigma)
+    design = each[:, :, widest.allowed(k)].reshape(n * k, -1)
     new = np.diff(blocks.rows[:, 0], prepend=blocks.rows[0, 0]) > blocks.size
     part = np.cumsum(new, dtype=np.intp)
     ends = [blocks.time[part == i][[0, -1]] for i in range(part[-1] + 1)]

@@ -8,11 +8,17 @@ from itertools import product
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index
+from tiltcal.calibration.methods.terms import term_columns
+from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
+from tiltcal.core.units import G0
 from tiltcal.instrument.temperature import Memory, TemperatureCourse
 from tiltcal.recordings.references import NO_REFERENCES, References
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.statistics.dwell_noise import second_difference_noise
+from tiltcal.statistics.least_squares import Factored
 
 ORDERS = range(6)  # of the bias
 AXIS_ORDERS = range(4)  # of scale and cross-axis terms
@@ -57,6 +63,50 @@ class Blocks:
 
 
 @dataclass(frozen=True)
+class Further:
+    """Terms in addition to bias, scale factor and cross-axis terms, each of one channel.
+
+    Args:
+        names: of the parameters, (q,).
+        units: of them, (q,).
+        channels: of them, (q,).
+        columns: reading per unit of each, SI, (n, q).
+    """
+
+    names: Sequence[str]
+    units: Sequence[str]
+    channels: Index
+    columns: Array
+
+    @classmethod
+    def of(cls, terms: Sequence[str], sensor: Sensor, setup: Setup, blocks: Blocks) -> "Further":
+        """The terms of a sensor at its blocks.
+
+        Args:
+            terms: linear effects of the sensor.
+            sensor: which.
+            setup: of the recording.
+            blocks: of the sensor.
+
+        Raises:
+            TiltcalError: a term is unknown, or no known attitudes determine it.
+        """
+        if not terms:
+            return cls((), (), np.zeros(0, np.intp), np.zeros((len(blocks.time), 0)))
+        if blocks.force is None:
+            raise TiltcalError(
+                f"calibration terms {', '.join(terms)} of sensor {sensor.name}",
+                found="one attitude, or attitudes that are not known",
+                need="several known attitudes, about all axes",
+                do="leave them out, or label the dwells",
+            )
+        names, units, columns = term_columns(terms, sensor, setup, blocks.force * G0)
+        channels = np.argmax(np.abs(columns).max(axis=1), axis=1)
+        own = columns[np.arange(len(names)), :, channels]
+        return cls(names, units, channels, own.T)
+
+
+@dataclass(frozen=True)
 class Model:
     """Powers of temperature in the bias and in scale and axes, and a memory."""
 
@@ -80,15 +130,26 @@ class Design:
         X: (n, p), by temperature scaled to its range.
         power: of temperature in each column, -1 for the memory, (p,).
         axis: 0 ... 2 where the column is multiplied by that component of the force, else -1, (p,).
+        further: number of the further term of one channel that the column is of, else -1, (p,).
+        terms: the further terms.
     """
 
     X: Array
     power: Index
     axis: Index
+    further: Index
+    terms: Further
 
     @classmethod
-    def of(cls, blocks: Blocks, warm: Array, memory: Array | None) -> "Design":
-        """From temperature (in units of half its range, about its mean) and the memory, (n,)."""
+    def of(cls, blocks: Blocks, warm: Array, memory: Array | None, further: Further) -> "Design":
+        """From temperature (in units of half its range, about its mean) and the memory, (n,).
+
+        Args:
+            blocks: of one sensor.
+            warm: temperature, (n,).
+            memory: (n,); None: without one.
+            further: terms in addition.
+        """
         columns, power, axis = [], [], []
         for k in range(blocks.pose.max() + 1):
             columns.append((blocks.pose == k).astype(float))
@@ -107,13 +168,31 @@ class Design:
             columns.append(memory)
             power.append(-1)
             axis.append(-1)
-        return cls(np.column_stack(columns), np.array(power), np.array(axis))
+        count = len(further.names)
+        none = [-1] * count
+        return cls(
+            np.column_stack([*columns, further.columns]),
+            np.array([*power, *[0] * count]),
+            np.array([*axis, *none]),
+            np.array([-1] * len(columns) + list(range(count))),
+            further,
+        )
 
-    def chosen(self, model: Model) -> Index:
-        """Columns of a model. Their numbers, (p,)."""
+    def allowed(self, channels: int) -> Mask:
+        """Which columns each channel may have, (p, k). channels: their number, k."""
+        own = np.append(self.terms.channels, -1)[self.further]
+        return np.asarray((own[:, None] < 0) | (own[:, None] == np.arange(channels)))
+
+    def chosen(self, model: Model, channels: int) -> list[tuple[Index, Index]]:
+        """Columns of a model: their numbers, (p,), and the channels that have them. channels: their
+        number.
+        """
         bias = (self.axis < 0) & (self.power <= model.bias)
         axes = (self.axis >= 0) & (self.power <= model.axes)
-        return np.flatnonzero(bias | axes)
+        groups: dict[tuple[int, ...], list[int]] = {}
+        for i, allowed in enumerate(self.allowed(channels).T):
+            groups.setdefault(tuple(np.flatnonzero((bias | axes) & allowed)), []).append(i)
+        return [(np.array(keep), np.array(which)) for keep, which in groups.items()]
 
 
 @dataclass(frozen=True)
@@ -126,7 +205,7 @@ class Choice:
         heldout: rms error of blocks left out, SI, (k,).
         score: mean over folds of the squared errors, in units of the noise; spread: its standard
             error.
-        size: number of columns.
+        size: number of parameters of all channels.
     """
 
     model: Model
@@ -148,6 +227,7 @@ def compared(
     courses: Sequence[tuple[Memory, TemperatureCourse]],
     reference: float,
     scale: float,
+    further: Further,
 ) -> list[Choice]:
     """Every model with its held-out errors.
 
@@ -156,6 +236,7 @@ def compared(
         courses: memories that are tried, with the course of the temperature under each.
         reference: T0, degC.
         scale: half the range, degC.
+        further: terms of every model.
     """
     fold = folds_of(blocks)
     warm = (blocks.mean(courses[0][1].level) - reference) / scale
@@ -163,7 +244,7 @@ def compared(
     found: list[Choice] = []
     for memory, course in courses:
         state = None if memory.kind == "none" else blocks.mean(course.memory)
-        design = Design.of(blocks, warm, state)
+        design = Design.of(blocks, warm, state, further)
         grams = [_gram(design.X[fold == k], blocks.error[fold == k]) for k in range(FOLDS)]
         for bias, axes in product(ORDERS, orders):
             if axes <= bias:
@@ -179,18 +260,21 @@ def _choice(
     model: Model, design: Design, grams: Sequence[tuple[Array, Array, Array, int]]
 ) -> Choice:
     """Squared errors of each fold under the fit of the others, in ``heldout`` as (FOLDS, k)."""
-    keep = design.chosen(model)
-    square = np.ix_(keep, keep)
     G = np.sum([g for g, _, _, _ in grams], axis=0)
     C = np.sum([c for _, c, _, _ in grams], axis=0)
-    errors = []
-    for Gf, Cf, Sf, n in grams:
-        A = (G - Gf)[square]
-        ridge = RIDGE * np.trace(A) * np.eye(len(keep))
-        x = np.linalg.lstsq(A + ridge, (C - Cf)[keep], rcond=None)[0]
-        error = Sf + (x * (Gf[square] @ x - 2 * Cf[keep])).sum(axis=0)
-        errors.append(np.maximum(error, 0.0) / max(n, 1))
-    return Choice(model, design, np.array(errors), 0.0, 0.0, len(keep))
+    channels = C.shape[1]
+    groups = design.chosen(model, channels)
+    errors = np.empty((len(grams), channels))
+    for fold, (Gf, Cf, Sf, n) in enumerate(grams):
+        for keep, which in groups:
+            square, own = np.ix_(keep, keep), np.ix_(keep, which)
+            A = (G - Gf)[square]
+            ridge = RIDGE * np.trace(A) * np.eye(len(keep))
+            x = np.linalg.lstsq(A + ridge, (C - Cf)[own], rcond=None)[0]
+            error = Sf[which] + (x * (Gf[square] @ x - 2 * Cf[own])).sum(axis=0)
+            errors[fold, which] = np.maximum(error, 0.0) / max(n, 1)
+    size = sum(len(keep) * len(which) for keep, which in groups)
+    return Choice(model, design, errors, 0.0, 0.0, size)
 
 
 def _scored(found: Sequence[Choice]) -> list[Choice]:
@@ -229,24 +313,39 @@ def memories(time: Array, span: float) -> Iterator[Memory]:
 
 
 @dataclass(frozen=True)
-class Estimated:
-    """A model fitted to blocks.
+class ChannelFit:
+    """The parameters of one channel.
 
     Args:
-        keep: numbers of its columns, (p,).
-        values: (p, k).
-        covariances: of each channel, (k, p, p).
-        left: residuals, (n, k).
-        residuals: the same less what stated references add most probably, (n, k).
-        contributions: what one standard uncertainty of each reference changes, (k, p, q).
+        keep: numbers of the columns whose parameters the blocks determine, (p,).
+        values: (p,).
+        covariance: (p, p).
+        contributions: what one standard uncertainty of each reference changes, (p, q).
+        dropped: numbers of the columns whose parameters they do not determine.
     """
 
     keep: Index
     values: Array
-    covariances: Array
+    covariance: Array
+    contributions: Array
+    dropped: Index
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """A model fitted to blocks.
+
+    Args:
+        channels: their parameters.
+        left: residuals, SI, (n, k).
+        residuals: the same less what stated references add most probably, SI, (n, k).
+        rank: number of independent parameters of all channels.
+    """
+
+    channels: Sequence[ChannelFit]
     left: Array
     residuals: Array
-    contributions: Array
+    rank: int
 
 
 def estimate(choice: Choice, blocks: Blocks) -> Estimated:
@@ -256,30 +355,35 @@ def estimate(choice: Choice, blocks: Blocks) -> Estimated:
 
     Source: Liang and Zeger, Biometrika 73 (1986).
     """
-    keep = choice.design.chosen(choice.model)
-    X = choice.design.X[:, keep]
-    scale = np.linalg.norm(X, axis=0)
-    inverse = np.linalg.pinv(X / scale)
-    values = inverse @ blocks.error / scale[:, None]
-    uncertain = blocks.references
-    columns = uncertain.columns if len(uncertain.owner) else np.zeros((0, *blocks.error.shape))
-    changes = np.einsum("pn,qnk->kpq", inverse, columns) / scale[:, None]
-    whole = blocks.error - X @ values
-    left = _without_references(
-        whole,
-        (columns - np.einsum("np,kpq->qnk", X, changes))[uncertain.fitted],
-    )
-    number = max(STRETCHES, 3 * len(keep))
-    stretch = np.arange(len(X)) * number // len(X)
-    covariances = []
-    for i in range(left.shape[1]):
-        scores = np.zeros((number, len(keep)))
-        np.add.at(scores, stretch, (inverse * left[:, i]).T)
-        factor = number / max(number - len(keep), 1)
-        stated = changes[i][:, uncertain.fitted]
-        noise = factor * (scores.T @ scores) / np.outer(scale, scale)
-        covariances.append(noise + stated @ stated.T)
-    return Estimated(keep, values, np.array(covariances), whole, left, changes)
+    uncertain, (n, k) = blocks.references, blocks.error.shape
+    columns = uncertain.columns if len(uncertain.owner) else np.zeros((0, n, k))
+    groups = [
+        (keep, which, Factored.of(choice.design.X[:, keep]))
+        for keep, which in choice.design.chosen(choice.model, k)
+    ]
+    whole, beyond = blocks.error.copy(), columns.copy()
+    for _, which, f in groups:
+        whole[:, which] -= f.u @ (f.u.T @ whole[:, which])
+        beyond[:, :, which] -= f.u @ (f.u.T @ columns[:, :, which])
+    left = _without_references(whole, beyond[uncertain.fitted])
+    found: dict[int, ChannelFit] = {}
+    for keep, which, f in groups:
+        inverse = f.gain @ f.u.T
+        known = f.determined
+        rank = len(f.singular)
+        number = max(STRETCHES, 3 * rank)
+        stretch = np.arange(n) * number // n
+        for i in which:
+            changes = inverse @ columns[:, :, i].T
+            scores = np.zeros((number, len(keep)))
+            np.add.at(scores, stretch, (inverse * left[:, i]).T)
+            stated = changes[:, uncertain.fitted]
+            noise = number / max(number - rank, 1) * (scores.T @ scores)
+            covariance = (noise + stated @ stated.T)[np.ix_(known, known)]
+            values = (inverse @ blocks.error[:, i])[known]
+            found[i] = ChannelFit(keep[known], values, covariance, changes[known], keep[~known])
+    rank = sum(len(f.singular) * len(which) for _, which, f in groups)
+    return Estimated([found[i] for i in range(k)], whole, left, rank)
 
 
 def _without_references(left: Array, columns: Array) -> Array:
@@ -298,19 +402,46 @@ def _without_references(left: Array, columns: Array) -> Array:
     return np.asarray(left - np.tensordot(errors, columns, axes=1))
 
 
-def names(sensor: str, axis: str, design: Design, keep: Index) -> list[str]:
-    """Names of the parameters of one channel, "" where a column is no parameter of the sensor.
-    keep: numbers of the columns, (p,).
+def names(sensor: Sensor, channel: int, design: Design, keep: Index) -> list[str]:
+    """Names of the parameters of one channel.
+
+    Args:
+        sensor: which.
+        channel: its number.
+        design: columns of the model.
+        keep: numbers of those that are asked for, (p,).
     """
-    found = []
-    for power, j in zip(design.power[keep], design.axis[keep], strict=True):
+    found, axis = [], sensor.axes[channel]
+    for power, j, further in zip(
+        design.power[keep], design.axis[keep], design.further[keep], strict=True
+    ):
         prefix = f"temp{power}_" if power > 0 else ""
-        if power < 0:
-            found.append(f"{sensor}.tempmem_{axis}")
+        if further >= 0:
+            found.append(design.terms.names[further])
+        elif power < 0:
+            found.append(f"{sensor.name}.tempmem_{axis}")
         elif j < 0:
-            found.append(f"{sensor}.{prefix}bias_{axis}")
+            found.append(f"{sensor.name}.{prefix}bias_{axis}")
         elif AXES[j] == axis:
-            found.append(f"{sensor}.{prefix}scale_{axis}")
+            found.append(f"{sensor.name}.{prefix}scale_{axis}")
         else:
-            found.append(f"{sensor}.{prefix}cross_{axis}{AXES[j]}")
+            found.append(f"{sensor.name}.{prefix}cross_{axis}{AXES[j]}")
+    return found
+
+
+def units(sensor: Sensor, choice: Choice, keep: Index) -> list[str]:
+    """Units of parameters of a channel, those of a bias and of a sensitivity in SI, per power of
+    degC. keep: numbers of their columns, (p,).
+    """
+    si, design = ("rad_s" if sensor.quantity == "rate" else "m_s2"), choice.design
+    # a lagged temperature is a difference of temperatures, the state of a hysteresis a number
+    memory = 1 if choice.model.memory.kind == "lag" else 0
+    found = []
+    for power, j, further in zip(
+        design.power[keep], design.axis[keep], design.further[keep], strict=True
+    ):
+        base = "1" if j >= 0 else si
+        degrees = memory if power < 0 else power
+        unit = f"{base}_degC{degrees}" if degrees else base
+        found.append(design.terms.units[further] if further >= 0 else unit)
     return found

@@ -79,7 +79,7 @@ def _with_noise(sensors: Sequence[Sequence[Channel]]) -> Iterator[Channel]:
     """
     for channels in sensors:
         live = [c for c in channels if len(c.read) >= LEAST and not c.is_constant]
-        if any(c.spread_at_rest > 0 for c in live):
+        if any(c.has_noise for c in live):
             yield from (c for c in live if not c.is_coarse)
 
 
@@ -117,18 +117,19 @@ class Clipped(Emptying):
 
     def _find(self, log: Log) -> Iterator[Finding]:
         for c in log.readings:
-            if len(c.read) <= LEAST or not c.repeats.any() or c.is_constant:
+            flat = len(c.read) > LEAST and c.repeats.any() and not c.is_constant
+            if not flat or not c.has_noise:
                 continue
             limits, noise = _limits_of(c)
             if not limits:
                 continue
             # half of the noise of what lies just below is cut off as well
             near = np.any([sign * c.read > top - NEAR * noise for sign, top, _ in limits], axis=0)
-            flat = sum(int(there.sum()) for *_, there in limits)
+            number = sum(int(there.sum()) for *_, there in limits)
             sign, top, _ = min(limits, key=lambda limit: limit[1])
             words = (
-                f"{c.name}: saturated at {sign * top:.6g}, or frozen at its extreme, in {flat} of"
-                f" {len(c.read)} rows ({flat / len(c.read):.2g})"
+                f"{c.name}: saturated at {sign * top:.6g}, or frozen at its extreme, in {number} of"
+                f" {len(c.read)} rows ({number / len(c.read):.2g})"
             )
             size = {"full_scale": sign * top}
             sigma = {"full_scale": float(noise / np.sqrt(near.sum()))}

@@ -128,9 +128,30 @@ class Channel:
         return float(np.quantile(blocks.std(axis=1), AT_REST))
 
     @cached_property
+    def rounding(self) -> float:
+        """What arithmetic rounds its readings to, at most, in the unit of the column."""
+        return ARITHMETIC * float(np.abs(self.sample).max())
+
+    @cached_property
+    def has_noise(self) -> bool:
+        """Whether it has noise where it is quiet and not flat; a computed course has none.
+
+        Third differences of white noise are 1.8 times its second ones, those of a smooth course far
+        smaller than these.
+        """
+        blocks = self.sample[: len(self.sample) // REST * REST].reshape(-1, REST)
+        spread = blocks.std(axis=1)
+        blocks, spread = blocks[spread > self.rounding], spread[spread > self.rounding]
+        if not len(blocks):
+            return False
+        quiet = blocks[spread <= np.quantile(spread, AT_REST)]
+        second, third = (np.abs(np.diff(quiet, k, axis=1)).mean(axis=1) for k in (2, 3))
+        return bool(np.mean(third > second) > 1 / 2)
+
+    @cached_property
     def is_coarse(self) -> bool:
         """Whether its LSB is not small beside its noise."""
-        if self.lsb is None or self.lsb < ARITHMETIC * float(np.abs(self.sample).max()):
+        if self.lsb is None or self.lsb < self.rounding:
             return False
         return self.lsb > COARSE * self.spread_at_rest
 

@@ -1,0 +1,149 @@
+"""The checks of the data: silent on sound logs, each finds its own fault at the size it states, and
+every command says it in the same words.
+"""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from sound_logs import sound_log
+from statistics_helpers import rng_of
+
+from tiltcal.data_quality.log import Log
+from tiltcal.data_quality.registry import CHECKS, REPAIRS, inspect_log, repair_log
+
+LOGS = 500
+FORCE = 9.80665 * np.array([0.3, -0.2, 0.93])
+
+
+def kinds(time, columns):
+    return [f.kind for f in inspect_log(Log.of(time, columns)).findings]
+
+
+def test_no_check_finds_a_fault_in_sound_logs():
+    """At 1e-6 a channel nothing is expected in 500 logs of up to nine."""
+    found = Counter()
+    for k in range(LOGS):
+        found.update(kinds(*sound_log(rng_of(f"sound log {k}"))))
+    assert not found, found
+
+
+def plain(rng, n=4000, noise=0.01, lsb=0.0):
+    """A triad at three attitudes in m/s2, 100 Hz."""
+    order = np.repeat(np.arange(3), n // 3 + 1)[:n]
+    values = np.array([np.roll(FORCE, k) for k in order]) + noise * rng.normal(size=(n, 3))
+    values = np.round(values / lsb) * lsb if lsb else values
+    return np.arange(n) / 100, {f"accel_{a}_m_s2": values[:, i] for i, a in enumerate("xyz")}
+
+
+def with_x(made, change):
+    time, columns = made
+    x = columns["accel_x_m_s2"].copy()
+    change(x)
+    return time, columns | {"accel_x_m_s2": x}
+
+
+def moved(made, change):
+    time, columns = made
+    return change(time.copy()), columns
+
+
+def unsigned(values):
+    codes = np.rint(values * 1671).astype(np.int64)
+    return np.mod(codes, 2**16).astype(float)
+
+
+def swung(rng):
+    """A triad that swings through zero, in codes of 16 bits read without sign."""
+    swing = 9.8 * np.sin(np.arange(4000) / 150)[:, None] + 0.01 * rng.normal(size=(4000, 3))
+    return np.arange(4000) / 100, {f"a_{x}_LSB": unsigned(swing[:, i]) for i, x in enumerate("xyz")}
+
+
+def doubled(made):
+    time, columns = made
+    return time, columns | {"accel_x_m_s2": columns["accel_y_m_s2"]}
+
+
+def in_g(time, columns):
+    return time, {n: v / 9.80665 for n, v in columns.items()}
+
+
+def alternate(x):
+    x += 0.03 * (np.arange(len(x)) % 2)
+
+
+def frozen(x):
+    x[1000:1040] = x[1000]
+
+
+def clipped(x):
+    np.minimum(x, 9.1, out=x)
+
+
+def sent_twice(x):
+    again = np.arange(50, len(x), 100)
+    x[again] = x[again - 1]
+
+
+def lacking_bit(rng):
+    swing = 9.8 * np.sin(np.arange(6000) / 900) + 0.002 * rng.normal(size=6000)
+    codes = np.rint(swing / 5e-4).astype(np.int64) & ~np.int64(1 << 6)
+    return np.arange(6000) / 100, {"a_x_m_s2": codes * 5e-4}
+
+
+def bursts(time):
+    return np.repeat(time[::8], 8)[: len(time)] + 1e-4 * (np.arange(len(time)) % 8)
+
+
+def wrapped(time):
+    return np.mod(time + 5.0, 20.0)
+
+
+FAULTS = {
+    "time_wrap": lambda rng: moved(plain(rng), wrapped),
+    "time_back": lambda rng: moved(plain(rng), lambda t: np.where(t == t[700], t - 0.1, t)),
+    "time_coarse": lambda rng: moved(plain(rng), np.floor),
+    "time_repeated": lambda rng: moved(plain(rng), lambda t: np.where(t == t[700], t[699], t)),
+    "gap": lambda rng: moved(plain(rng), lambda t: t + 0.02 * (t > 7.0)),
+    "time_bursts": lambda rng: moved(plain(rng), bursts),
+    "missing": lambda rng: with_x(plain(rng), lambda x: x.__setitem__(700, np.nan)),
+    "wrap": lambda _: (
+        np.arange(900) / 10,
+        {"table_outer_deg": np.mod(np.arange(900) / 1.7, 360)},
+    ),
+    "dead": lambda rng: with_x(plain(rng), lambda x: x.fill(1.0)),
+    "equal_columns": lambda rng: doubled(plain(rng)),
+    "alternating": lambda rng: with_x(plain(rng), alternate),
+    "sign_extension": swung,
+    "coarse": lambda rng: plain(rng, noise=0.01, lsb=0.02),
+    "stuck_bit": lacking_bit,
+    "frozen": lambda rng: with_x(plain(rng), frozen),
+    "clipped": lambda rng: with_x(plain(rng), clipped),
+    "repeated": lambda rng: with_x(plain(rng), sent_twice),
+    "gravity": lambda rng: in_g(*plain(rng)),
+    "inclination": lambda rng: (
+        np.arange(900) / 10,
+        {"incl_x_deg": 3600 * np.sin(np.arange(900) / 90) + rng.normal(size=900)},
+    ),
+    "temperature": lambda rng: (
+        np.arange(900) / 10,
+        {"temperature_degC": 293 + 0.1 * rng.normal(size=900)},
+    ),
+}
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
+def test_each_check_finds_its_fault_at_the_size_that_it_states(check):
+    for k in range(10):
+        time, columns = FAULTS[check.name](rng_of(f"fault {check.name} {k}"))
+        found = kinds(time, columns)
+        assert check.name in found, found
+
+
+@pytest.mark.parametrize("name", REPAIRS)
+def test_what_is_repaired_is_not_found_again(name):
+    check = REPAIRS[name]
+    time, columns = FAULTS[check.name](rng_of(f"repair {name}"))
+    log, reports = repair_log(Log.of(time, columns), [name])
+    assert len(reports) == 1
+    assert check.name not in [f.kind for f in inspect_log(log).findings]

@@ -22,12 +22,14 @@ from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.stamps import require_measurable
 from tiltcal.setup.pauses import breaks
+from tiltcal.setup.tables import axis_of
 
 MIN_ROWS = 4  # rows, of which any may move
 NARROWEST = 6  # rows of a window
 WINDOW = 0.5  # s
 GUARD = WINDOW / 2  # s cut off at both ends of a dwell: hands leave, structures settle
 SHORTEST = 1.0  # s, of a dwell
+SET = 0.1 * DEG  # a smaller step of a readout at standstill may be the code of a coarse encoder
 # rad/s: a gyro that reads steadily by more than this off its usual quiet reading is turning
 STEADY = 1.0 * DEG
 _MOVING = {"acceleration", "angle", "rate", "raw"}
@@ -109,7 +111,29 @@ def find_segments(
         )
         parted.append(rows[breaks(recording.time[rows], values, quiet)])
     parted.append(np.searchsorted(recording.time, joins_of(recording)))
+    parted.append(_settings(recording))
     return _segments(recording, ~moving, np.concatenate(parted), guard, shortest)
+
+
+def _settings(recording: Recording) -> Index:
+    """Rows at which a readout that stood still changes by a step, and stands still again: an angle
+    that was set or typed in while the readings went on.
+    """
+    found = [np.zeros(0, dtype=np.intp)]
+    for name in recording.column_names:
+        axis = axis_of(split_unit(name)[0])
+        if axis is None or COLUMN_UNITS[split_unit(name)[1] or "s"].quantity != "angle":
+            continue
+        angle = recording.column(name) * COLUMN_UNITS[str(split_unit(name)[1])].factor
+        rows = np.flatnonzero(~np.isnan(angle))
+        step = np.abs(np.diff(angle[rows]))
+        for k in np.flatnonzero(step > SET):
+            beside = np.concatenate(
+                [step[max(k - MIN_ROWS, 0) : k], step[k + 1 : k + 1 + MIN_ROWS]]
+            )
+            if np.all(beside < SET):
+                found.append(rows[[k + 1]])
+    return np.concatenate(found)
 
 
 def standstill_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:

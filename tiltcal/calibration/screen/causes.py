@@ -24,6 +24,7 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.least_squares import SINGULAR, CommonErrors
 
 SCENARIO_FILE = "SCENARIO"  # in a statement: only a command knows the path
+LITTLE = 0.1  # of chi2, that a cause leaves which takes most of it
 DRIFT = "the bias drifts over the recording"
 COARSE = 60  # instants of a step that are tried at first; then all about the best
 # sigmas from the extreme to the least of the readings at a limit: 4 each side, 3e-5 of them beyond
@@ -338,10 +339,21 @@ def cause_test(found: Sequence[Explanation], source: str, name: str = "cause") -
         name: of the test.
     """
     nothing = (
-        "no single cause that was tried explains it; run"
+        f"no single cause that was tried explains {_most(found)}; run"
         f" `tiltcal diagnose {source.removeprefix('recording ')} --scenario {SCENARIO_FILE}`"
     )
     return threshold_test(name, len(found), False, in_words(found, nothing))
+
+
+def _most(found: Sequence[Explanation]) -> str:
+    """What no cause explains: all of it, where one takes most; else it."""
+    tried = [e for e in found if e.dof > 0]
+    if not tried:
+        return "it"
+    best = min(tried, key=lambda e: e.bic)
+    if best.chi2 > LITTLE * max(e.chi2 for e in tried):
+        return "it"
+    return f"all of it, most is {best.words} (chi2/dof {best.chi2 / best.dof:.3g} is left)"
 
 
 def lacking_terms(sensor: Sensor, sense: Sense, channels: int | None = None) -> dict[str, Array]:

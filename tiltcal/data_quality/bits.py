@@ -24,6 +24,8 @@ CYCLES = 4  # of the bit in the range of the readings, at least
 # mean sine of the phase; 2 / pi where only the lower half of each cycle occurs, 0 by chance
 LIKE_HALF = 0.5
 ZOOMS = 4  # of eight times each
+IN_A_CYCLE = 4  # readings, which do not all meet it at the same phase
+SAME = 0.25  # of a cycle: phases that are nearer are one and the same but for noise
 TRIES = 5  # of the most likely bits
 LEAST = 64  # values
 FEW = 2000  # readings from which a frequency is refined
@@ -153,11 +155,21 @@ def _never_set(values: Array, sign: Array, finest_bit: float) -> float | None:
         best = _least_set(values[:: max(len(values) // FEW, 1)], float(frequency[k]), grid, width)
         if best is None or _bunched(values, best, grid):
             continue
-        cycle = sign * (np.floor(values * best) + 1)
-        visited, odd = len(np.unique(cycle)), len(np.unique(cycle[is_set(values, best, width)]))
+        _, number = np.unique(sign * (np.floor(values * best) + 1), return_inverse=True)
+        told = (np.bincount(number) >= IN_A_CYCLE)[number] | ~_at_one_phase(values, best)
+        many = np.bincount(number, told) > 0
+        wrong = np.bincount(number, is_set(values, best, width)) > 0
+        visited, odd = int(many.sum()), int((many & wrong).sum())
         if at_least(visited - odd, visited, 0.5) * tried < CHANCE:
             return float(1 / (2 * best))
     return None
+
+
+def _at_one_phase(values: Array, frequency: float) -> Mask:
+    """Readings whose step from the one before is by whole cycles, as in a steady turn, (n,)."""
+    turns = np.diff(values, prepend=np.nan) * frequency
+    whole = np.abs(turns - np.rint(turns)) < SAME
+    return np.asarray(whole & (np.abs(turns) > 1 / 2))
 
 
 def _taken(values: Array, cell: float) -> Single:

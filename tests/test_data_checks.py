@@ -2,13 +2,16 @@
 every command says it in the same words.
 """
 
+import json
 from collections import Counter
 
 import numpy as np
 import pytest
+from checks_page import PAGE, page
 from sound_logs import sound_log
 from statistics_helpers import rng_of
 
+from tiltcal.cli import main
 from tiltcal.data_quality.log import Log
 from tiltcal.data_quality.registry import CHECKS, REPAIRS, inspect_log, repair_log
 
@@ -147,3 +150,64 @@ def test_what_is_repaired_is_not_found_again(name):
     log, reports = repair_log(Log.of(time, columns), [name])
     assert len(reports) == 1
     assert check.name not in [f.kind for f in inspect_log(log).findings]
+
+
+def test_the_page_of_the_checks_is_made_from_them():
+    assert PAGE.read_text(encoding="utf-8") == page()
+
+
+BENCH = """\
+schema = 1
+name = "bench"
+[site]
+gravity_m_s2 = 9.80665
+[rig]
+table = "handheld"
+[[sensor]]
+name = "accel"
+kind = "accelerometer"
+rate_hz = 100
+adjustable = ["bias", "scale", "cross_axis"]
+"""
+MAP = """\
+[time]
+column = "time_s"
+[[column]]
+from = "accel_x_m_s2"
+to = "accel_x_m_s2"
+[[column]]
+from = "accel_y_m_s2"
+to = "accel_y_m_s2"
+[[column]]
+from = "accel_z_m_s2"
+to = "accel_z_m_s2"
+"""
+
+
+def test_import_calibrate_and_diagnose_say_the_same(tmp_path, capsys):
+    """A channel that froze in one of twelve positions by hand."""
+    rng = rng_of("same words")
+    up = rng.normal(size=(12, 3))
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    knots = np.concatenate([[400 * k, 400 * k + 340] for k in range(12)])
+    turned = np.column_stack([np.interp(np.arange(4800), knots, np.repeat(u, 2)) for u in up.T])
+    force = 9.80665 * turned + 0.01 * rng.normal(size=turned.shape)
+    force[2050:2150, 0] = force[2050, 0]
+    time = np.arange(len(force)) / 100
+    lines = [f"{t:.2f},{x:.5f},{y:.5f},{z:.5f}" for t, (x, y, z) in zip(time, force, strict=True)]
+    head = "time_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2"
+    (tmp_path / "log.csv").write_text("\n".join([head, *lines]) + "\n")
+    (tmp_path / "map.toml").write_text(MAP)
+    (tmp_path / "bench.toml").write_text(BENCH)
+    log, bench, out = (str(tmp_path / n) for n in ("log.csv", "bench.toml", "out"))
+    words = ["import", log, "--map", str(tmp_path / "map.toml"), "-o", str(tmp_path / "r.csv")]
+    assert main([*words, "--json"]) == 0
+    (finding,) = json.loads(capsys.readouterr().out)["findings"]
+    assert finding["kind"] == "frozen"
+    words = ["calibrate", log, "--scenario", bench, "--method", "norm"]
+    main([*words, "-o", str(tmp_path / "cal.json")])
+    tests = json.loads((tmp_path / "cal.json").read_text())["tests"]
+    assert finding["statement"] in [t["statement"] for t in tests if not t["passed"]]
+    main(["diagnose", log, "--scenario", bench, "-o", out])
+    capsys.readouterr()
+    assert finding["statement"] in (tmp_path / "out" / "diagnosis.json").read_text()

@@ -21,6 +21,7 @@ from tiltcal.calibration.autopilot_exports import (
 from tiltcal.calibration.methods.registry import _with_setup
 from tiltcal.calibration.result import calibration_from
 from tiltcal.cli import main
+from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG, G0
 from tiltcal.recordings.foreign_files import import_recording
 from tiltcal.recordings.formats.mcap_writer import write_mcap
@@ -50,6 +51,14 @@ def calibration(**more):
 
 # --------------------------------------------------------------------------------------------------
 # ---- autopilots
+
+
+def test_what_an_autopilot_does_not_take_is_refused():
+    """Readings of another full-scale range, calibrated as a scale factor of two."""
+    doubled = calibration(**{"accel.scale_y": 1.006})
+    for export in (px4_parameters, ardupilot_parameters):
+        with pytest.raises(TiltcalError, match=r"axis y: found offset .* and scale 0\.4985"):
+            export(doubled)
 
 
 def px4(text):

@@ -16,6 +16,9 @@ from tiltcal.recordings.rest_noise import RestNoise
 from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.standstill_noise import StandstillNoise
 
+# ranges of INS_ACCSCAL and INS_ACCOFFS (m/s2), ArduPilot, "Complete Parameter List"
+SCALES = (0.8, 1.2)
+OFFSET = 3.5
 _FLOAT = 9  # MAVLink type of a parameter
 _LINEAR = ("bias_", "scale_", "cross_")
 
@@ -67,8 +70,22 @@ def offset_and_scale(calibration: Calibration, sensor: Sensor) -> tuple[Array, A
     """``corrected = (reading - offset) * scale`` for each axis, SI, (3,) each.
 
     This is what ``tiltcal correct`` does where there are no cross-axis and higher-order terms.
+
+    Raises:
+        TiltcalError: one of an accelerometer is beyond what an autopilot takes.
     """
-    return calibration.bias(sensor), 1 / np.diag(calibration.sensitivity(sensor))
+    offset, scale = calibration.bias(sensor), 1 / np.diag(calibration.sensitivity(sensor))
+    beyond = (scale < SCALES[0]) | (scale > SCALES[1]) | (np.abs(offset) > OFFSET)
+    if sensor.kind == "accelerometer" and beyond.any():
+        k = int(np.argmax(beyond))
+        raise TiltcalError(
+            f"calibration of {sensor.name}, axis {sensor.axes[k]}",
+            found=f"offset {offset[k]:.4g} and scale {scale[k]:.4g}, in SI",
+            need=f"a scale of {SCALES[0]:g} to {SCALES[1]:g} and at most {OFFSET:g} m/s2 of offset,"
+            " the range of an autopilot's parameters",
+            do="check the unit and the full-scale range of the columns",
+        )
+    return offset, scale
 
 
 def left_out(calibration: Calibration, sensor: Sensor) -> list[str]:

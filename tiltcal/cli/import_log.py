@@ -61,7 +61,7 @@ def import_log(
       header = false
       [time]
       column = 1                 # number or name; without times: rate_hz = 100
-      unit = "s"                 # s, ms, us, ns or iso
+      unit = "s"                 # s, ms, us, ns; dates: iso, dmy, mdy
       [[column]]
       from = 2                   # number or name
       to = "accel_x_LSB"         # <sensor>_<axis>_<unit>
@@ -175,5 +175,4 @@ def _print_notes(imported: Imported, output: Path) -> None:
 
 def _statement_with_repair(finding: Finding, repairs: Sequence[str]) -> str:
     done = any(text.startswith(f"{finding.repair}:") for text in repairs)
-    offer = f"; --repair {finding.repair}" if finding.repair and not done else ""
-    return finding.statement + offer
+    return finding.statement if done else finding.with_repair()

@@ -46,6 +46,10 @@ class Finding:
         """The first of the columns."""
         return self.columns[0]
 
+    def with_repair(self) -> str:
+        """The statement, and the repair that may be asked for."""
+        return f"{self.statement}; --repair {self.repair}" if self.repair else self.statement
+
     def as_json(self) -> dict[str, object]:
         """As `tiltcal import --json` prints it; rows count from 1."""
         return {

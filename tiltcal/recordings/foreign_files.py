@@ -14,7 +14,7 @@ from tiltcal.data_quality.log import Log
 from tiltcal.data_quality.registry import inspect_log, repair_log
 from tiltcal.recordings.formats.bad_lines import find_bad_lines
 from tiltcal.recordings.formats.budget import ReadBudget
-from tiltcal.recordings.formats.cells import iso_stamps, numbers_in
+from tiltcal.recordings.formats.cells import DATES, date_stamps, numbers_in
 from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable
 from tiltcal.recordings.formats.registry import read_raw
 from tiltcal.recordings.formats.text import bad_cell
@@ -160,8 +160,8 @@ def time_of(table: RawTable, spec: TimeSource, source: str) -> tuple[Array, floa
     if spec.column is None:
         return np.arange(len(table)) / (spec.rate_hz or 1.0), 0.0
     raw = table.column(spec.column, source)
-    if spec.unit == "iso" or raw.dtype.kind == "M":
-        counts, factor = iso_stamps(raw, source).astype(np.int64), 1e-9
+    if spec.unit in DATES or raw.dtype.kind == "M":
+        counts, factor = date_stamps(raw, source, spec.unit).astype(np.int64), 1e-9
     elif raw.dtype == object:
         raise bad_cell(raw, source, "point")
     else:

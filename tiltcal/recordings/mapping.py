@@ -10,6 +10,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.data_quality import registry
+from tiltcal.recordings.formats.cells import DATES
 from tiltcal.setup.part import StrictTable
 
 REPAIRS = (*registry.REPAIRS, "empty_text")
@@ -41,7 +42,7 @@ class TimeSource(StrictTable):
     """Source of the time: a column, or the sample rate."""
 
     column: int | str | None = None
-    unit: Literal["s", "ms", "us", "ns", "iso"] = "s"
+    unit: Literal["s", "ms", "us", "ns", "iso", "dmy", "mdy"] = "s"
     tick_s: Annotated[float, Field(gt=0)] | None = None
     wraps_at: Annotated[float, Field(gt=0)] | None = None
     rate_hz: Annotated[float, Field(gt=0)] | None = None
@@ -49,7 +50,7 @@ class TimeSource(StrictTable):
     @property
     def period(self) -> float | None:
         """Time after which the counter starts again, s; None where that is not stated."""
-        if self.wraps_at is None or self.unit == "iso":
+        if self.wraps_at is None or self.unit in DATES:
             return None
         return self.wraps_at * (self.tick_s or COLUMN_UNITS[self.unit].factor)
 

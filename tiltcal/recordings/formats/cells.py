@@ -37,8 +37,12 @@ EMPTY_TEXTS = (
 )
 """Cells that hold no number, in small letters."""
 COMMENTS = ("//", "#", "%", "!", ";")
+DATES = ("iso", "dmy", "mdy")
+"""Orders of year, month and day in a date: year first as in ISO 8601, or last."""
+_DAY_LAST = re.compile(r"(\d\d?)([-/.])(\d\d?)\2(\d{4})(?=[T ])")
 STAMP = re.compile(
-    r"\d{4}[-/]\d\d?[-/]\d\d?[T ]+\d\d?:\d\d(:\d\d([.,]\d+)?)?\s*(Z|UTC|[+-]\d\d:?\d\d)?"
+    r"(\d{4}[-/]\d\d?[-/]\d\d?|\d\d?([-/.])\d\d?\2\d{4})[T ]+\d\d?:\d\d(:\d\d([.,]\d+)?)?"
+    r"\s*(Z|UTC|[+-]\d\d:?\d\d)?"
 )
 _NUMBERS = {
     "point": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
@@ -105,8 +109,32 @@ _PARTS = re.compile(r"(\d{4})-(\d\d?)-(\d\d?)T(\d\d?):(.*)")
 _MINUTE = 60 * 10**9  # ns
 
 
-def iso_stamps(raw: Raw, source: str) -> npt.NDArray[np.datetime64]:
+def order_of_dates(texts: Raw) -> str:
+    """One of ``DATES``; empty where no date tells the day from the month.
+
+    Args:
+        texts: dates with a time of day, objects, (n,).
+    """
+    found = [d for t in texts if t is not None and (d := _DAY_LAST.match(str(t).strip()))]
+    if not found:
+        return "iso"
+    if any(int(d[1]) > _MONTHS for d in found):
+        return "dmy"
+    if any(int(d[3]) > _MONTHS for d in found):
+        return "mdy"
+    return "dmy" if found[0][2] == "." else ""  # points stand in day.month.year alone (CLDR)
+
+
+_MONTHS = 12  # of a year: a larger number is a day
+
+
+def date_stamps(raw: Raw, source: str, order: str = "iso") -> npt.NDArray[np.datetime64]:
     """Stamps in UTC, datetime64[ns], (n,); those without a zone are taken as they are.
+
+    Args:
+        raw: dates with a time of day, (n,).
+        source: of the file, for messages.
+        order: of year, month and day, one of ``DATES``.
 
     Raises:
         TiltcalError: naming the first one that is no date with a time of day.
@@ -115,7 +143,7 @@ def iso_stamps(raw: Raw, source: str) -> npt.NDArray[np.datetime64]:
         return raw.astype("datetime64[ns]")
     texts, shifts = [], np.zeros(len(raw), dtype=np.int64)
     for k, item in enumerate(raw):
-        text = str(item).strip()
+        text = _year_first(str(item).strip(), order)
         zone = _ZONE.search(text)
         if zone:
             text = text[: zone.start()]
@@ -128,6 +156,16 @@ def iso_stamps(raw: Raw, source: str) -> npt.NDArray[np.datetime64]:
     except (ValueError, UserWarning) as error:
         raise _no_stamp(texts, source) from error
     return (stamps.astype(np.int64) - shifts).astype("datetime64[ns]")
+
+
+def _year_first(text: str, order: str) -> str:
+    """A date with its year first; unchanged where its order is not the one stated."""
+    found = _DAY_LAST.match(text)
+    if found is None or order == "iso":
+        return text
+    first, _, second, year = found.groups()
+    month, day = (second, first) if order == "dmy" else (first, second)
+    return f"{year}-{month}-{day}{text[found.end() :]}"
 
 
 def _dates(texts: list[str]) -> npt.NDArray[np.datetime64]:
@@ -157,7 +195,7 @@ def _no_stamp(texts: list[str], source: str) -> TiltcalError:
                 f"foreign recording {source}, data line {number}",
                 found=f"the text '{text}'",
                 need="a time such as 2026-05-04T12:30:00.250",
-                do="correct that cell, or set time.column and time.unit",
+                do="correct that cell, or set time.column, and time.unit to iso, dmy or mdy",
             )
     return TiltcalError(
         f"foreign recording {source}", found="no time stamps", need="ISO 8601", do="check the file"

@@ -4,7 +4,7 @@ before the header, header and unit row.
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from tiltcal.recordings.formats.cells import (
     comment_of,
@@ -27,13 +27,13 @@ class Dialect:
         layout: as a mapping states it.
         reasons: key of ``layout`` -> reason.
         doubts: properties that the first lines do not determine.
-        metadata: ``key: value`` lines before the data.
+        before: lines before the data.
     """
 
     layout: FileLayout
     reasons: Mapping[str, str]
     doubts: Sequence[str] = ()
-    metadata: Mapping[str, str] = field(default_factory=dict)
+    before: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def find_dialect(head: str, encoding: str, why: str) -> Dialect | None:
         "encoding": why,
     }
     doubts = [*_decimal_doubts(best)]
-    return Dialect(layout, reasons, doubts, stated_values(lines[:start]))
+    return Dialect(layout, reasons, doubts, lines[:start])
 
 
 def _grids(content: Sequence[str], quoted: bool) -> list[Grid]:

@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +15,10 @@ from tiltcal.core.units import split_unit
 from tiltcal.data_quality.check import Finding, in_words
 from tiltcal.data_quality.log import Log
 from tiltcal.data_quality.registry import inspect_log
+from tiltcal.recordings.foreign_files import time_of
 from tiltcal.recordings.formats.bad_lines import find_bad_lines
 from tiltcal.recordings.formats.budget import ReadBudget
-from tiltcal.recordings.formats.dialect import Dialect
+from tiltcal.recordings.formats.dialect import Dialect, stated_values
 from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.formats.registry import TEXT, format_of
 from tiltcal.recordings.formats.text import text_dialect
@@ -36,9 +36,6 @@ from tiltcal.recordings.proposal.sensors import (
 )
 from tiltcal.recordings.proposal.table_kind import TableGuess, find_table
 from tiltcal.recordings.proposal.time_axis import TimeGuess, find_time, stated_rate
-
-if TYPE_CHECKING:
-    from tiltcal.recordings.proposal.time_axis import TimeGuess
 
 _LISTED = 8  # columns that a doubt names
 _ABREAST = 28  # columns that a value takes before its reason
@@ -58,7 +55,7 @@ def proposal_text(proposal: "MappingProposal") -> str:
         lines += ["[metadata]", _line("table", proposal.table.table, proposal.table.reason)]
     lines += [""]
     lines += [f"# cannot know: {doubt}" for doubt in proposal.doubts]
-    lines += [f"# found: {finding.statement}" for finding in proposal.findings]
+    lines += [f"# found: {finding.with_repair()}" for finding in proposal.findings]
     if proposal.left_out:
         lines.append(f"# left out: {', '.join(proposal.left_out)}")
     return "\n".join(lines) + "\n"
@@ -197,10 +194,11 @@ def propose_mapping(path: Path | str, budget: ReadBudget | None = None) -> Mappi
     layout = FileLayout() if dialect is None else dialect.layout
     file = format.read(path, layout.model_copy(update={"ragged_lines": "drop"}), budget)
     channels, faults = channels_of(file, layout.decimal)
+    before = [] if dialect is None else dialect.before
     times = {
         t.name: find_time(
             [c for c in channels if c.table == t.name],
-            stated_rate({**t.metadata, **({} if dialect is None else dialect.metadata)}),
+            stated_rate({**t.metadata, **stated_values(before)}, before),
         )
         for t in file.tables
     }
@@ -252,7 +250,7 @@ def _proposal(
         table,
         _left_out([c for c in remaining if id(c) not in used], triads),
         _doubts(dialect, [times[name] for name in tables], sensors, table, doubts),
-        [*(f for t in file.tables for f in find_bad_lines(t)), *_findings(columns, times)],
+        [*(f for t in file.tables for f in find_bad_lines(t)), *_findings(file, columns, times)],
     )
 
 
@@ -368,16 +366,16 @@ def _doubts(
     return list(dict.fromkeys(found))
 
 
-def _findings(columns: Sequence[ColumnGuess], times: dict[str, TimeGuess]) -> list[Finding]:
+def _findings(
+    file: RawFile, columns: Sequence[ColumnGuess], times: dict[str, TimeGuess]
+) -> list[Finding]:
     found: list[Finding] = []
     for name in dict.fromkeys(c.channel.table for c in columns):
-        clock = times[name].channel
         inside = [c for c in columns if c.channel.table == name and c.channel.numeric]
-        rows = len(inside[0].channel.raw) if inside else 0
-        numeric = clock is not None and clock.numeric
-        time = clock.values if clock is not None and numeric else np.arange(float(rows))
+        spec = times[name].spec
+        time, _ = time_of(file.table(name), spec, file.source)
         values = {_plain(c.to): c.channel.values for c in inside}
-        found += inspect_log(Log.of(time, values)).findings
+        found += inspect_log(Log.of(time, values, period=spec.period)).findings
     return found
 
 

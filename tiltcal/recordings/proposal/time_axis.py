@@ -10,19 +10,45 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import COLUMN_UNITS
-from tiltcal.recordings.formats.cells import STAMP, iso_stamps
+from tiltcal.recordings.formats.cells import STAMP, date_stamps, order_of_dates
+from tiltcal.recordings.mapping import TimeSource
 from tiltcal.recordings.proposal.channels import Channel
 
 _KEYS = re.compile(r"rate|freq|sampling|采样", re.IGNORECASE)
 _NUMBER = re.compile(r"(\d+(?:[.,]\d+)?)\s*(k?hz|sps)?\b", re.IGNORECASE)
+_AT = re.compile(r"(\S*)\s+(?:at|@)\s*(\d+(?:[.,]\d+)?\s*(?:k?hz|sps))\b", re.IGNORECASE)
+_FILTER = re.compile(r"filter|cut|corner|band|pass|notch", re.IGNORECASE)
+"""Words before "at 50 Hz" that make it a property of a filter."""
 
 
-def stated_rate(metadata: Mapping[str, str]) -> float | None:
-    """Samples a second; None where no line states them.
+@dataclass(frozen=True)
+class StatedRate:
+    """Sample rate by the file, Hz, and where it states it."""
+
+    rate: float
+    reason: str
+
+
+def stated_rate(metadata: Mapping[str, str], before: Sequence[str] = ()) -> StatedRate | None:
+    """The sample rate by the file; None where no line states it, or two differ.
 
     Args:
         metadata: ``key: value`` lines of the file.
+        before: lines before the data.
     """
+    by_key = _rate_by_key(metadata)
+    if by_key is not None:
+        return StatedRate(by_key, "the file states the rate")
+    found = [
+        StatedRate(rate, f"line {number} states 'at {at[2]}'")
+        for number, line in enumerate(before, start=1)
+        for at in _AT.finditer(line)
+        if not _FILTER.search(at[1]) and (rate := _rate_by_key({"rate": at[2]})) is not None
+    ]
+    return found[0] if len({s.rate for s in found}) == 1 else None
+
+
+def _rate_by_key(metadata: Mapping[str, str]) -> float | None:
     for key, value in metadata.items():
         found = _NUMBER.match(value.strip())
         in_hertz = found is not None and (found[2] or "hz" in key.lower())
@@ -65,43 +91,79 @@ class TimeGuess:
     wraps_at: float | None = None
     rate: float | None = None
 
+    @property
+    def spec(self) -> TimeSource:
+        """As a mapping states it; seconds where the unit is not known, 1 Hz where no rate is."""
+        if self.channel is None:
+            return TimeSource(rate_hz=self.rate or 1.0)
+        unit = self.unit or ("s" if self.channel.numeric else "dmy")
+        return TimeSource.model_validate(
+            {
+                "column": self.channel.source,
+                "unit": unit,
+                "tick_s": self.tick_s,
+                "wraps_at": self.wraps_at,
+            }
+        )
 
-def find_time(channels: Sequence[Channel], stated_rate: float | None) -> TimeGuess:
+
+def find_time(channels: Sequence[Channel], stated: StatedRate | None) -> TimeGuess:
     """The time of the channels of one table.
 
     Args:
         channels: of the file.
-        stated_rate: of samples, by the file, Hz; None where it states none.
+        stated: sample rate by the file; None where it states none.
     """
     dates = [c for c in channels if c.raw.dtype.kind == "M" or _is_stamp(c)]
     if dates:
-        return TimeGuess(
-            dates[0], "iso", "dates with a time of day", "ISO 8601", rate=_rate_of(dates[0])
-        )
+        return _dated(dates[0])
     numbers = [c for c in channels if c.numeric]
+    named = [c for c in numbers if c.meaning.role == "time"]
+    steady = "runs forward at nearly equal steps"
+    for found in sorted((c for c in named if _runs_forward(c.values, 0.5)), key=_preference):
+        return _with_unit(found, f"its name, and it {steady}")
+    for found in (c for c in named if _never_decreases(c.values)):
+        return _with_unit(found, "its name, and it never decreases")
     ordered = [c for c in numbers if _runs_forward(c.values, _ORDERED)]
-    named = [c for c in numbers if c.meaning.role == "time" and _runs_forward(c.values, 0.5)]
-    unnamed = [
-        c for c in ordered if c.meaning.role in ("", "angle") and not _steps_by_one(c.values)
-    ]
-    for found in sorted(named, key=_preference) or unnamed[:1]:
-        prefix = "its name, and it " if found in named else "it "
-        return _with_unit(found, prefix + "runs forward at nearly equal steps")
+    for found in ordered:
+        if found.meaning.role in ("", "angle") and not _steps_by_one(found.values):
+            return _with_unit(found, f"it {steady}")
     counter = next((c for c in ordered if _steps_by_one(c.values)), None)
     also = f"; {counter.name} only counts samples" if counter else ""
-    if stated_rate:
-        return TimeGuess(
-            None, "", f"no column of times{also}; the file states the rate", "", rate=stated_rate
-        )
+    if stated is not None:
+        why = f"no column of times{also}; {stated.reason}"
+        return TimeGuess(None, "", why, "", rate=stated.rate)
     doubt = f"the sample rate: no column has times{also}"
     return TimeGuess(None, "", "no column of times", "", (doubt,))
 
 
-def _rate_of(dates: Channel) -> float | None:
-    """Samples a second of dates."""
-    step = np.diff(iso_stamps(dates.raw, dates.name).astype(np.int64))
-    onward = step[step > 0]
-    return 1e9 / float(np.median(onward)) if len(onward) else None
+def _dated(dates: Channel) -> TimeGuess:
+    """The time of a column of dates."""
+    order = "iso" if dates.raw.dtype.kind == "M" else order_of_dates(dates.raw)
+    stamps = date_stamps(dates.raw, dates.name, order or "dmy").astype(np.int64)
+    step = usual_step(stamps.astype(float) - stamps[0])
+    reason, rate = "dates with a time of day", 1e9 / step if step else None
+    if not order:
+        example = str(dates.raw[0]).split()[0]
+        doubt = f"the order of day and month in {example}: dmy or mdy, no number is above 12"
+        return TimeGuess(dates, "", reason, "", (doubt,), rate=rate)
+    why = {"iso": "ISO 8601", "dmy": "the day is first", "mdy": "the month is first"}[order]
+    return TimeGuess(dates, order, reason, why, rate=rate)
+
+
+def usual_step(values: Array) -> float:
+    """The usual step of stamps, in their unit, 0 where none is forward: the median of the steps
+    forward, or the mean of all where most stamps are those of the row before.
+
+    Args:
+        values: stamps, (n,).
+    """
+    step = np.diff(values)
+    if not (onward := step[step > 0]).size:
+        return 0.0
+    if np.mean(step == 0) > 0.5:
+        return float(values[-1] - values[0]) / len(step)
+    return float(np.median(onward))
 
 
 def _preference(channel: Channel) -> int:
@@ -126,6 +188,17 @@ def _runs_forward(values: Array, share: float) -> bool:
     return float(np.mean(np.abs(forward - middle) < 0.75 * middle)) > 0.7
 
 
+def _never_decreases(values: Array) -> bool:
+    """Whether stamps never decrease, and do increase: some may be repeated."""
+    if len(values) < 3 or not np.isfinite(values).all():
+        return False
+    step = np.diff(values)
+    return bool(step.min() >= 0 and np.sum(step > 0) >= _STEPS)
+
+
+_STEPS = 3  # forward: fewer show no clock, only a level that changes
+
+
 def _steps_by_one(values: Array) -> bool:
     step = np.diff(values)
     return bool(np.median(step) == 1 and values[0] == np.round(values[0]) and len(values) > 2)
@@ -133,8 +206,7 @@ def _steps_by_one(values: Array) -> bool:
 
 def _with_unit(channel: Channel, reason: str) -> TimeGuess:
     values = channel.values
-    step = np.diff(values)
-    usual = float(np.median(step[step > 0]))
+    usual = usual_step(values)
     if channel.unit in ("s", "ms", "us", "ns"):
         rate = 1 / (usual * COLUMN_UNITS[channel.unit].factor)
         if RATES[0] <= rate <= RATES[1]:

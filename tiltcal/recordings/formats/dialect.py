@@ -28,12 +28,14 @@ class Dialect:
         reasons: key of ``layout`` -> reason.
         doubts: properties that the first lines do not determine.
         before: lines before the data.
+        misfit: names of a line that has one too few or too many for the columns.
     """
 
     layout: FileLayout
     reasons: Mapping[str, str]
     doubts: Sequence[str] = ()
     before: Sequence[str] = ()
+    misfit: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ def find_dialect(head: str, encoding: str, why: str) -> Dialect | None:
     start = _first_data(lines, best)
     if start is None:
         return None
-    head_layout, reasons = _head(lines, start, best)
+    head_layout, reasons, misfit = _head(lines, start, best)
     layout = FileLayout.model_validate(
         {
             "separator": best.separator,
@@ -89,7 +91,7 @@ def find_dialect(head: str, encoding: str, why: str) -> Dialect | None:
         "encoding": why,
     }
     doubts = [*_decimal_doubts(best)]
-    return Dialect(layout, reasons, doubts, lines[:start])
+    return Dialect(layout, reasons, doubts, lines[:start], misfit)
 
 
 def _grids(content: Sequence[str], quoted: bool) -> list[Grid]:
@@ -138,27 +140,45 @@ def _first_data(lines: Sequence[str], grid: Grid) -> int | None:
 
 def _head(
     lines: Sequence[str], start: int, grid: Grid
-) -> tuple[dict[str, int | bool], dict[str, str]]:
-    """skip_lines, header and unit_row, with their reasons."""
+) -> tuple[dict[str, int | bool], dict[str, str], list[str]]:
+    """skip_lines, header and unit_row, with their reasons, and the names of a line that has not
+    one for each column.
+    """
     before = [k for k in range(start) if lines[k].strip()]
     named = [k for k in before[-2:] if _fits(lines[k], grid)]
     none = {"header": f"line {start + 1} holds numbers, no line of names stands before it"}
     if not named or named[-1] != before[-1]:
         if before:
             none["skip_lines"] = f"{start} lines before the data, none with a name a column"
-        return {"skip_lines": start, "header": False}, none
-    last = named[-1]
-    if len(named) == 2 and _are_units(lines[last], grid):
-        first = named[0]
-        return {"skip_lines": first, "header": True, "unit_row": True}, {
-            "header": f"line {first + 1} holds {grid.width} names",
-            "unit_row": f"line {last + 1} holds units",
-            "skip_lines": f"{first} lines stand before it",
+        return {"skip_lines": start, "header": False}, none, []
+    units = len(named) == 2 and _are_units(lines[named[1]], grid)
+    at = named[0] if units else named[-1]
+    names = _names(lines[at], grid)
+    reason = f"line {at + 1} holds {len(names)} names"
+    if len(names) != grid.width:
+        none = {
+            "header": f"{reason} for {grid.width} columns",
+            "skip_lines": f"{start} lines before the data",
         }
-    return {"skip_lines": last, "header": True}, {
-        "header": f"line {last + 1} holds {grid.width} names",
-        "skip_lines": f"{last} lines stand before it",
-    }
+        return {"skip_lines": start, "header": False}, none, names
+    layout: dict[str, int | bool] = {"skip_lines": at, "header": True}
+    reasons = {"header": reason, "skip_lines": f"{at} lines stand before it"}
+    if units:
+        layout["unit_row"] = True
+        reasons["unit_row"] = f"line {named[1] + 1} holds units"
+    return layout, reasons, []
+
+
+def _names(line: str, grid: Grid) -> list[str]:
+    """The names in a line; separators that end the line, or the lines of the data, add none."""
+    names = [c.strip('"') for c in splitter(grid.separator)(without_mark(line))]
+    while len(names) > grid.width and not names[-1]:
+        names.pop()
+    rows = [row for row in grid.rows if len(row) == grid.width]
+    rows = rows[len(rows) // 3 :]
+    if len(names) == grid.width - 1 and not any(row[-1] for row in rows):
+        names.append(str(grid.width))
+    return names
 
 
 def _fits(line: str, grid: Grid) -> bool:

@@ -1,7 +1,9 @@
 """Columns of a foreign file: what their names and their file say of quantity, axis and unit."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -164,12 +166,15 @@ class Channel:
         return bool(len(known)) and bool(np.all(known == np.round(known)))
 
 
-def channels_of(file: RawFile, decimal: str = "point") -> tuple[list[Channel], list[Finding]]:
+def channels_of(
+    file: RawFile, decimal: str = "point", known: Mapping[int, str] = MappingProxyType({})
+) -> tuple[list[Channel], list[Finding]]:
     """All columns of all tables, in their order, and the cells of channels that are no numbers.
 
     Args:
         file: what was read of it.
         decimal: mark of numbers in text.
+        known: index of a column that goes by number -> name that it has nevertheless.
     """
     found: list[Channel] = []
     faults: list[Finding] = []
@@ -178,13 +183,16 @@ def channels_of(file: RawFile, decimal: str = "point") -> tuple[list[Channel], l
         numbered = names == [str(k + 1) for k in range(len(names))]
         for k, (name, raw) in enumerate(table.columns):
             by_number = numbered or names.count(name) > 1 or not name
-            stated = unit_of(table.units[name]) if name in table.units else stated_unit(name)
-            meaning = Meaning("", "", "") if numbered else meaning_of(name, table.name)
+            title = known.get(k, name)
+            stated = unit_of(table.units[name]) if name in table.units else stated_unit(title)
+            bare = numbered and k not in known
+            meaning = Meaning("", "", "") if bare else meaning_of(title, table.name)
             if not meaning.role and meaning.axis:
                 meaning = replace(meaning, role=_BY_UNIT.get(stated or "", ""))
             if not meaning.role and stated in ANGLES:
                 meaning = replace(meaning, role="angle")
             shown = f"column {k + 1}" if by_number else name
+            shown += f" ({title})" if k in known else ""
             raw, fault = _mended(raw, shown, decimal)
             faults += fault
             found.append(

@@ -24,6 +24,7 @@ from tiltcal.recordings.formats.registry import TEXT, format_of
 from tiltcal.recordings.formats.text import text_dialect
 from tiltcal.recordings.mapping import FileLayout
 from tiltcal.recordings.proposal.channels import ANGLES, REMARKS, Channel, channels_of
+from tiltcal.recordings.proposal.column_names import proven_names
 from tiltcal.recordings.proposal.gravity import norm_at_rest
 from tiltcal.recordings.proposal.pairs import find_pairs, follows
 from tiltcal.recordings.proposal.sensors import (
@@ -193,7 +194,12 @@ def propose_mapping(path: Path | str, budget: ReadBudget | None = None) -> Mappi
     dialect = text_dialect(path) if format is TEXT else None
     layout = FileLayout() if dialect is None else dialect.layout
     file = format.read(path, layout.model_copy(update={"ragged_lines": "drop"}), budget)
-    channels, faults = channels_of(file, layout.decimal)
+    names: dict[int, str] = {}
+    if dialect is not None and dialect.misfit:
+        names, known = proven_names(dialect.misfit, file.tables[0].columns)
+        doubt = f"{dialect.reasons['header']}: {known}"
+        dialect = replace(dialect, doubts=[*dialect.doubts, doubt])
+    channels, faults = channels_of(file, layout.decimal, names)
     before = [] if dialect is None else dialect.before
     times = {
         t.name: find_time(

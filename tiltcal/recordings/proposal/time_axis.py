@@ -11,6 +11,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.recordings.formats.cells import STAMP, date_stamps, order_of_dates
+from tiltcal.recordings.formats.raw_table import Raw
 from tiltcal.recordings.mapping import TimeSource
 from tiltcal.recordings.proposal.channels import Channel
 
@@ -124,10 +125,10 @@ def find_time(channels: Sequence[Channel], stated: StatedRate | None) -> TimeGue
         return _with_unit(found, f"its name, and it {steady}")
     for found in (c for c in named if _never_decreases(c.values)):
         return _with_unit(found, "its name, and it never decreases")
-    ordered = [c for c in numbers if _runs_forward(c.values, _ORDERED)]
-    for found in ordered:
-        if found.meaning.role in ("", "angle") and not _steps_by_one(found.values):
+    for found in numbers:
+        if found.meaning.role in ("", "angle") and holds_times(found.raw):
             return _with_unit(found, f"it {steady}")
+    ordered = (c for c in numbers if _runs_forward(c.values, _ORDERED))
     counter = next((c for c in ordered if _steps_by_one(c.values)), None)
     also = f"; {counter.name} only counts samples" if counter else ""
     if stated is not None:
@@ -197,6 +198,18 @@ def _never_decreases(values: Array) -> bool:
 
 
 _STEPS = 3  # forward: fewer show no clock, only a level that changes
+
+
+def holds_times(raw: Raw) -> bool:
+    """Whether a column runs forward at nearly equal steps, and does not only count.
+
+    Args:
+        raw: its values, (n,).
+    """
+    if raw.dtype.kind not in "if":
+        return False
+    values = np.asarray(raw, dtype=float)
+    return _runs_forward(values, _ORDERED) and not _steps_by_one(values)
 
 
 def _steps_by_one(values: Array) -> bool:

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import Parameter
 
-from tiltcal.cli.options import SEVERAL, Json
+from tiltcal.cli.options import SEVERAL, WHOLE, Json
 from tiltcal.cli.output import print_json, print_line, print_note, require_output
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
@@ -22,7 +22,7 @@ from tiltcal.recordings.saving import write_recording
 def import_log(
     file: Annotated[Path, Parameter(help="Log, or parameters of mujoco.sysid (YAML).")],
     /,
-    *,
+    *more: Annotated[Path, Parameter("FILE", help="Further files of the same recording.")],
     mapping: Annotated[
         Path | None, Parameter("--map", help="Mapping file, TOML. Needed unless --propose.")
     ] = None,
@@ -33,6 +33,15 @@ def import_log(
     propose: Annotated[
         bool, Parameter(help="Print a mapping for this file with reasons, and import nothing.")
     ] = False,
+    join: Annotated[
+        Literal["time"],
+        Parameter(help="How several files become one recording: on the union of their stamps."),
+    ] = "time",
+    instance: Annotated[
+        int | None,
+        WHOLE,
+        Parameter(help="Rows of this instrument, where several share a table (column I)."),
+    ] = None,
     repair: Annotated[
         tuple[str, ...],
         SEVERAL,
@@ -66,22 +75,26 @@ def import_log(
       from = 2                   # number or name
       to = "accel_x_LSB"         # <sensor>_<axis>_<unit>
       [[column]]
-      file = "gyro.txt"          # a second file with the same rows
+      file = "gyro.txt"          # a second file, with the same rows or with times of its own
       from = 2
       to = "gyro_x_LSB"
 
     In a file with several tables (topics, groups) a column also has
-    table = "sensor_accel".
+    table = "sensor_accel". Files of one recording, each with its own times:
+
+      tiltcal import accel.csv gyro.csv --propose -o map.toml
+      tiltcal import accel.csv gyro.csv --map map.toml -o run.csv
 
     What mujoco.sysid found, as effects of the scenario that it began from:
 
       tiltcal import found.yaml --scenario out/amended.toml -o found.toml
     """
+    del join  # the only way there is
     if scenario is not None:
         return _parameters(file, scenario, output, as_json)
     budget = ReadBudget(memory_gb)
     if propose:
-        return _propose(file, budget, output, as_json)
+        return _propose([file, *more], instance, budget, output, as_json)
     if mapping is None or output is None:
         missing = "--map" if mapping is None else "-o"
         raise TiltcalError(
@@ -90,8 +103,7 @@ def import_log(
             need="a mapping file and a file to write",
             do="add it; `tiltcal import FILE --propose` writes a mapping",
         )
-    text = _with_repairs(load_mapping(mapping), repair)
-    imported = import_file(file, text, budget)
+    imported = import_file(file, _completed(load_mapping(mapping, instance), repair), budget, more)
     if output.suffix == ".mcap":
         write_mcap(imported.recording, output)
     else:
@@ -122,15 +134,21 @@ def _parameters(file: Path, scenario: Path, output: Path | None, as_json: bool) 
     return 0
 
 
-def _with_repairs(mapping: Mapping, wanted: Sequence[str]) -> Mapping:
+def _completed(mapping: Mapping, wanted: Sequence[str]) -> Mapping:
     names = [one_of(name, REPAIRS, "--repair") for name in wanted]
     return mapping.model_copy(update={"repair": (*mapping.repair, *names)})
 
 
-def _propose(file: Path, budget: ReadBudget, output: Path | None, as_json: bool) -> int:
+def _propose(
+    files: Sequence[Path],
+    instance: int | None,
+    budget: ReadBudget,
+    output: Path | None,
+    as_json: bool,
+) -> int:
     from tiltcal.recordings.proposal.propose import propose_mapping
 
-    proposal = propose_mapping(file, budget)
+    proposal = propose_mapping(files[0], budget, files[1:], instance)
     text = proposal.toml()
     if output is not None:
         write_text(output, text)

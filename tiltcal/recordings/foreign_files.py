@@ -1,7 +1,7 @@
 """Foreign files as recordings: raw columns, a mapping, and repairs where they are asked for."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,8 @@ from tiltcal.recordings.formats.cells import DATES, date_stamps, numbers_in
 from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable
 from tiltcal.recordings.formats.registry import read_raw
 from tiltcal.recordings.formats.text import bad_cell
-from tiltcal.recordings.mapping import ColumnMapping, Mapping, TimeSource
+from tiltcal.recordings.mapping import ColumnMapping, InstanceOf, Mapping, TimeSource
+from tiltcal.recordings.means_table import is_a_row_a_pose
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.samples import Labels
 
@@ -38,6 +39,10 @@ class Imported:
     recording: Recording
     findings: Sequence[Finding]
     repairs: Sequence[str]
+
+
+_Files = dict[str | None, RawFile]  # None: the file that is imported; the others by their names
+_Base = tuple[str | None, str, int | str | None]
 
 
 @dataclass(frozen=True)
@@ -62,28 +67,37 @@ def import_recording(
     return import_file(path, mapping, budget).recording
 
 
-def import_file(path: Path | str, mapping: Mapping, budget: ReadBudget | None = None) -> Imported:
+def import_file(
+    path: Path | str,
+    mapping: Mapping,
+    budget: ReadBudget | None = None,
+    more: Sequence[Path | str] = (),
+) -> Imported:
     """A foreign file as a Recording, with the faults of its data.
 
+    Args:
+        path: of the file.
+        mapping: of its columns.
+        budget: how much memory the values may take.
+        more: files that columns name by ``file``; others are beside the first.
+
     Raises:
-        TiltcalError: as ``import_recording`` does, or a repair cannot be made.
+        TiltcalError: as ``import_recording`` does, no column names one of ``more``, or a repair
+            cannot be made.
     """
     path = Path(path)
-    main = read_raw(path, mapping.file, budget)
-    files: dict[str | None, RawFile] = {None: main}
+    files = _files(path, mapping, budget, [Path(p) for p in more])
+    grouped: dict[_Base, list[ColumnMapping]] = {}
     for c in mapping.column:
-        if c.file is not None and c.file not in files:
-            files[c.file] = read_raw(path.parent / c.file, mapping.file, budget)
-    parts = [
-        _part(main, files, [c for c in mapping.column if _base(c, mapping) == base], mapping)
-        for base in dict.fromkeys(_base(c, mapping) for c in mapping.column)
-    ]
-    findings = [f for t in main.tables for f in find_bad_lines(t)]
+        grouped.setdefault(_base(c, mapping, files), []).append(c)
+    parts = [_part(files, base[0], wanted, mapping) for base, wanted in grouped.items()]
+    findings = [f for file in files.values() for t in file.tables for f in find_bad_lines(t)]
     repaired: list[_Part] = []
     repairs: list[str] = []
     for part in parts:
         log = Log.of(part.time, part.columns, labels=part.labels, period=mapping.time.period)
-        findings += inspect_log(log).findings
+        if not is_a_row_a_pose(part.labels):  # means are no log
+            findings += inspect_log(log).findings
         log, done = repair_log(log, mapping.repair)
         repaired.append(_Part(log.time, part.zero, log.columns, log.labels))
         repairs += [*part.repairs, *done]
@@ -94,18 +108,101 @@ def import_file(path: Path | str, mapping: Mapping, budget: ReadBudget | None = 
     return Imported(_joined(repaired, metadata, f"recording {path.name}"), findings, repairs)
 
 
-def _base(column: ColumnMapping, mapping: Mapping) -> tuple[str, int | str | None]:
-    """The table of a column and its time column: one base for all columns that share both."""
-    return mapping.table_of(column), column.time
+def _files(path: Path, mapping: Mapping, budget: ReadBudget | None, more: Sequence[Path]) -> _Files:
+    """The file, and those that columns name, each with the rows of the chosen instance."""
+    named = dict.fromkeys(c.file for c in mapping.column if c.file is not None)
+    given = {p.name: p for p in more}
+    unused = [name for name in given if name not in {Path(n).name for n in named}]
+    if unused:
+        raise TiltcalError(
+            f"foreign recording {unused[0]}",
+            found="no column of the mapping that is in it",
+            need=f'file = "{unused[0]}" at its columns',
+            do="`tiltcal import FILE FILE --propose` writes one mapping of several files",
+        )
+    paths = {name: given.get(Path(name).name, path.parent / name) for name in named}
+    files: _Files = {None: read_raw(path, mapping.file, budget)}
+    files |= {name: read_raw(p, mapping.file, budget) for name, p in paths.items()}
+    chosen = mapping.file.instance
+    if chosen is None:
+        return files
+    shared = [n for n, f in files.items() if any(t.has(chosen.column) for t in f.tables)]
+    return files | {n: one_instance(files[n], chosen) for n in shared or [None]}
+
+
+def one_instance(file: RawFile, instance: InstanceOf) -> RawFile:
+    """A file with the rows of one of several instruments that share its tables.
+
+    Args:
+        file: as read.
+        instance: column that tells the instruments apart, and the value of one; tables without
+            that column stay whole.
+
+    Raises:
+        TiltcalError: no row has that value, or no table the column.
+    """
+    tables = [_of_instance(t, instance, file.source) for t in file.tables]
+    if all(old is new for old, new in zip(file.tables, tables, strict=True)):
+        file.tables[0].column(instance.column, file.source)
+    return replace(file, tables=tuple(tables))
+
+
+def _of_instance(table: RawTable, instance: InstanceOf, source: str) -> RawTable:
+    if not table.has(instance.column):
+        return table
+    texts = np.array(
+        [
+            f"{v:g}" if isinstance(v, float) else str(v)
+            for v in table.column(instance.column, source).tolist()
+        ]
+    )
+    rows = np.flatnonzero(texts == str(instance.value))
+    if not len(rows):
+        raise TiltcalError(
+            f"foreign recording {source}, column {instance.column}",
+            found=f"no row with {instance.value}",
+            need=f"one of {', '.join(np.unique(texts)[:_SHOWN])}",
+            do="choose one of these with --instance",
+        )
+    return replace(table, columns=tuple((n, values[rows]) for n, values in table.columns))
+
+
+_SHOWN = 8  # values that a message lists
+
+
+def _table(column: ColumnMapping, mapping: Mapping, file: RawFile) -> RawTable:
+    """The table of a file that a column is in."""
+    if column.file is not None and column.table is None and len(file.tables) == 1:
+        return file.tables[0]
+    return file.table(mapping.table_of(column))
+
+
+def _base(column: ColumnMapping, mapping: Mapping, files: _Files) -> _Base:
+    """The file that has the time of a column, its table and its time column: one base for all
+    columns that share these.
+    """
+    home = column.file if _has_own_time(column, mapping, files) else None
+    return home, mapping.table_of(column), column.time
+
+
+def _has_own_time(column: ColumnMapping, mapping: Mapping, files: _Files) -> bool:
+    """Whether the file that a column names has the time of its rows: a column by that name, or by
+    that number where it has other rows than the first file.
+    """
+    clock = mapping.time.column if column.time is None else column.time
+    if column.file is None or clock is None:
+        return False
+    own = _table(column, mapping, files[column.file])
+    if isinstance(clock, int) and column.time is None:
+        return own.has(clock) and len(own) != len(files[None].table(mapping.table_of(column)))
+    return own.has(clock)
 
 
 def _part(
-    main: RawFile,
-    files: dict[str | None, RawFile],
-    wanted: Sequence[ColumnMapping],
-    mapping: Mapping,
+    files: _Files, home: str | None, wanted: Sequence[ColumnMapping], mapping: Mapping
 ) -> _Part:
-    table = main.table(mapping.table_of(wanted[0]))
+    main = files[home]
+    table = _table(wanted[0], mapping, main)
     own = wanted[0].time
     clock = mapping.time if own is None else mapping.time.model_copy(update={"column": own})
     time, zero = time_of(table, clock, main.source)
@@ -114,13 +211,13 @@ def _part(
     labels = None
     for c in wanted:
         file = files[c.file]
-        source = table if c.file is None else file.table(mapping.table_of(c))
+        source = table if c.file == home else _table(c, mapping, file)
         if len(source) != len(table):
             raise TiltcalError(
                 f"foreign recording {c.file}",
                 found=f"{len(source)} rows",
-                need=f"{len(table)} as in {main.source}",
-                do="import it on its own",
+                need=f"{len(table)} as in {main.source}, or a column of times",
+                do='name its time column at each of its columns: time = "..."',
             )
         raw = source.column(c.from_, file.source)
         if c.to == "label":

@@ -24,6 +24,20 @@ def _known_repair(name: str) -> str:
     return name
 
 
+class InstanceOf(StrictTable):
+    """The rows of one of several instruments that share a table: those with a value in a column."""
+
+    column: str | int
+    value: int | str
+
+    @field_validator("value")
+    @classmethod
+    def _chosen(cls, value: int | str) -> int | str:
+        if value == UNKNOWN:
+            raise ValueError("value is '?': several instruments share the table; choose one")
+        return value
+
+
 class FileLayout(StrictTable):
     """Layout of the text, and the table that columns stand in where a file has several."""
 
@@ -36,6 +50,7 @@ class FileLayout(StrictTable):
     comment: str = ""
     ragged_lines: Literal["refuse", "drop"] = "refuse"
     table: str = ""
+    instance: InstanceOf | None = None
 
 
 class TimeSource(StrictTable):
@@ -112,28 +127,41 @@ class Mapping(StrictTable):
         return self.file.table if column.table is None else column.table
 
 
-def load_mapping(path: Path | str) -> Mapping:
+def load_mapping(path: Path | str, instance: int | None = None) -> Mapping:
     """Read a mapping file.
 
+    Args:
+        path: of the file.
+        instance: value that replaces the one of ``file.instance``; None: as the file states.
+
     Raises:
-        TiltcalError: naming every wrong key.
+        TiltcalError: naming every wrong key; or an instance is given, and the file has no column
+            for it.
     """
     path = require_file(Path(path), "mapping")
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise _no_toml(path.name, error) from error
-    return parse_mapping(text, path.name)
+    return parse_mapping(text, path.name, instance)
 
 
-def parse_mapping(text: str, name: str) -> Mapping:
+def parse_mapping(text: str, name: str, instance: int | None = None) -> Mapping:
     """A mapping from its text.
 
+    Args:
+        text: TOML.
+        name: of the file, for messages.
+        instance: as in ``load_mapping``.
+
     Raises:
-        TiltcalError: naming every wrong key.
+        TiltcalError: as ``load_mapping`` does.
     """
     try:
-        return Mapping.model_validate(tomllib.loads(text))
+        content = tomllib.loads(text)
+        if instance is not None:
+            _choose(content, instance, name)
+        return Mapping.model_validate(content)
     except tomllib.TOMLDecodeError as error:
         raise _no_toml(name, error) from error
     except ValidationError as error:
@@ -144,6 +172,20 @@ def parse_mapping(text: str, name: str) -> Mapping:
             need="a mapping as `tiltcal import --help` shows",
             do="correct these keys",
         ) from error
+
+
+def _choose(content: dict[str, Any], instance: int, name: str) -> None:
+    """Set the value of ``file.instance``."""
+    layout = content.get("file")
+    stated = layout.get("instance") if isinstance(layout, dict) else None
+    if not isinstance(stated, dict):
+        raise TiltcalError(
+            f"mapping {name}",
+            found=f"--instance {instance}, and no column that tells instruments apart",
+            need='[file] instance = { column = "I", value = 0 }',
+            do="add it, or leave out --instance",
+        )
+    stated["value"] = instance
 
 
 def _no_toml(name: str, error: ValueError) -> TiltcalError:

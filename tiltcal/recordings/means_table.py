@@ -101,7 +101,7 @@ def read_log_or_means(path: Path | str) -> Recording:
         return read_recording(path)
     columns, metadata = read_csv(path)
     sigmas = {name for name in columns if _is_sigma(name)}
-    if not (_is_a_row_a_pose(columns) or ("time_s" not in columns and sigmas)):
+    if not (is_a_row_a_pose(columns.get("label")) or ("time_s" not in columns and sigmas)):
         return assemble(columns, metadata, path.name)
     rows = len(next(iter(columns.values())))
     stamps: dict[str, Array | Labels] = {"time_s": SPACING * np.arange(rows, dtype=float)}
@@ -118,11 +118,13 @@ def read_log_or_means(path: Path | str) -> Recording:
     )
 
 
-def _is_a_row_a_pose(columns: Mapping[str, Array | Labels]) -> bool:
+def is_a_row_a_pose(labels: Array | Labels | None) -> bool:
     """Whether every row has a label and none is followed by as many of the same as a dwell has: no
     log, whose dwells and moves have rows enough to be found.
+
+    Args:
+        labels: of the rows, (n,); None where there is no such column.
     """
-    labels = columns.get("label")
     if labels is None or labels.dtype != object or len(labels) < 2:
         return False
     words = [str(w).strip() if w is not None else "" for w in labels]

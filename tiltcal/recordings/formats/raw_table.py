@@ -45,6 +45,11 @@ class RawTable:
         """Names of the columns, in the order of the file."""
         return [name for name, _ in self.columns]
 
+    def has(self, which: int | str) -> bool:
+        """Whether it has a column of this number (from 1) or name."""
+        names = self.names
+        return 0 < which <= len(names) if isinstance(which, int) else which in names
+
     def column(self, which: int | str, source: str) -> Raw:
         """A column by number (from 1) or name, (n,).
 
@@ -52,11 +57,7 @@ class RawTable:
             TiltcalError: there is no such column.
         """
         names = self.names
-        if isinstance(which, int):
-            index = which - 1
-        else:
-            index = names.index(which) if which in names else -1
-        if not 0 <= index < len(names):
+        if not self.has(which):
             named = any(name != str(i + 1) for i, name in enumerate(names))
             valid = names if named else [str(i + 1) for i in range(len(names))]
             location = f", table {self.name}" if self.name else ""
@@ -66,7 +67,7 @@ class RawTable:
                 need="a column of it",
                 do=nearest(str(which), valid),
             )
-        return self.columns[index][1]
+        return self.columns[which - 1 if isinstance(which, int) else names.index(which)][1]
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,10 @@ _ROLES = (
         r"|sigma|variance|residual|innov|(^|_)mean(_|$)|(^|_)avg",
     ),
     ("free", r"free_?acc|lin_?acc(?!el)|gravity_?free|user_?acc"),
-    ("time", r"time(stamp)?|^t$|stamp|^sec(ond)?s?$|^utc|epoch|^date|^zeit|^received$|时间"),
+    (
+        "time",
+        r"time(stamp)?|^t$|stamp|^sec(ond)?s?$|^utc|epoch|elapsed|^date|^zeit|^received$|时间",
+    ),
     (
         "counter",
         r"count|packet|instance|(^|_)i(_?d)?$|(^|_)n?_?samples?(_?(no|num|index))?$|(^|_)index|(^|_)seq|^n$",
@@ -87,9 +90,14 @@ def meaning_of(name: str, table: str = "") -> Meaning:
     plain = _plain(bare_name(name))
     axis, group = _axis_of(plain, bare_name(name))
     role = _role_of(plain) or _role_of(group)
-    if not role or (role in ("angle", "status", "other") and _role_of(_plain(table)) == "accel"):
-        role = role or _role_of(_plain(table))
+    of_table = _role_of(_plain(table))
+    if not role and (axis or of_table not in _WITH_AXES):
+        role = of_table
     return Meaning(role, axis, f"{table}:{group}")
+
+
+_WITH_AXES = ("accel", "gyro", "magnetometer", "free")
+"""Roles that a table gives only to columns with an axis: not to its counters and times."""
 
 
 def _plain(name: str) -> str:

@@ -4,7 +4,7 @@ as TOML with a reason on each line and a mark for what cannot be known.
 
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,15 +18,13 @@ from tiltcal.data_quality.registry import inspect_log
 from tiltcal.recordings.foreign_files import time_of
 from tiltcal.recordings.formats.bad_lines import find_bad_lines
 from tiltcal.recordings.formats.budget import ReadBudget
-from tiltcal.recordings.formats.dialect import Dialect, stated_values
+from tiltcal.recordings.formats.dialect import Dialect
 from tiltcal.recordings.formats.raw_table import RawFile
-from tiltcal.recordings.formats.registry import TEXT, format_of
-from tiltcal.recordings.formats.text import text_dialect
-from tiltcal.recordings.mapping import FileLayout
+from tiltcal.recordings.means_table import is_a_row_a_pose
 from tiltcal.recordings.proposal.channels import ANGLES, REMARKS, Channel, channels_of
-from tiltcal.recordings.proposal.column_names import proven_names
 from tiltcal.recordings.proposal.gravity import norm_at_rest
 from tiltcal.recordings.proposal.pairs import find_pairs, follows
+from tiltcal.recordings.proposal.pieces import Origin, Pieces, pieces_of
 from tiltcal.recordings.proposal.sensors import (
     Sensor,
     Triad,
@@ -36,7 +34,7 @@ from tiltcal.recordings.proposal.sensors import (
     with_units,
 )
 from tiltcal.recordings.proposal.table_kind import TableGuess, find_table
-from tiltcal.recordings.proposal.time_axis import TimeGuess, find_time, stated_rate
+from tiltcal.recordings.proposal.time_axis import TABLE_OF_MEANS, TimeGuess
 
 _LISTED = 8  # columns that a doubt names
 _ABREAST = 28  # columns that a value takes before its reason
@@ -48,6 +46,7 @@ def proposal_text(proposal: "MappingProposal") -> str:
         f"# Mapping of {proposal.source}, proposed by `tiltcal import --propose`: check each line.",
         f"# {proposal.format}, {proposal.rows} rows.",
     ]
+    lines += [f"# note: {note}" for note in proposal.notes]
     lines += _file(proposal)
     lines += _time(proposal)
     for column in proposal.columns:
@@ -68,23 +67,34 @@ def _line(key: str, value: object, reason: str) -> str:
 
 
 def _file(proposal: "MappingProposal") -> list[str]:
-    main = _main(proposal)
+    main = proposal.origins[_main(proposal)][1]
+    shared = _shared(proposal)
     if proposal.dialect is None:
-        return ["[file]", _line("table", main, "most channels are in it")] if main else []
+        lines = [_line("table", main, "most channels are in it")] if main else []
+        return ["[file]", *lines, *shared] if lines or shared else []
     layout, reasons = proposal.dialect.layout, proposal.dialect.reasons
-    stated = layout.model_dump(exclude={"table", "ragged_lines"})
+    stated = layout.model_dump(exclude={"table", "ragged_lines", "instance"})
     always = ("separator", "decimal", "encoding", "header")
     shown = {k: v for k, v in stated.items() if k in always or v}
     lines = ["[file]", *(_line(k, v, reasons.get(k, "")) for k, v in shown.items())]
     if any(f.kind == "ragged_lines" for f in proposal.findings):
         why = 'some lines have another number of cells; "drop" leaves them out'
         lines.append(_line("ragged_lines", "refuse", why))
-    return lines
+    return lines + shared
+
+
+def _shared(proposal: "MappingProposal") -> list[str]:
+    """The line of one of several instruments in a table."""
+    if proposal.instance is None:
+        return []
+    column, value = (json.dumps(v, ensure_ascii=False) for v in proposal.instance)
+    text = f"instance = {{ column = {column}, value = {value} }}"
+    return [f"{text:<{_ABREAST}} # rows of one of several instruments"]
 
 
 def _main(proposal: "MappingProposal") -> str:
-    """The table with most of the channels."""
-    names = [c.channel.table for c in proposal.columns]
+    """The table of the first file with most of the channels."""
+    names = [c.channel.table for c in proposal.columns if not proposal.origins[c.channel.table][0]]
     return max(names, key=names.count)
 
 
@@ -107,7 +117,9 @@ def _column(column: "ColumnGuess", proposal: "MappingProposal") -> list[str]:
     channel, main = column.channel, _main(proposal)
     lines = ["[[column]]", _line("from", channel.source, "")]
     if channel.table != main:
-        lines.append(_line("table", channel.table, ""))
+        file, table = proposal.origins[channel.table]
+        lines += [_line("file", file, "")] if file else []
+        lines += [_line("table", table, "")] if table else []
         lines += _own_time(proposal.time[channel.table], proposal.time[main])
     mark = "cannot know the unit, see the end; " if column.to.endswith("_?") else ""
     lines.append(_line("to", column.to, mark + column.reason))
@@ -125,6 +137,10 @@ def _own_time(own: "TimeGuess", main: "TimeGuess") -> list[str]:
     return [_line("time", own.channel.source, own.reason)]
 
 
+MEANS_NOTE = (
+    "each row has a label and no label stays: a table of means, one row a pose; `tiltcal calibrate`"
+    " takes the rows as poses"
+)
 _EVEN = 0.12  # relative spread of the norm of gravity over the standstills
 FRAMES = (
     "how the instrument is mounted, and whether a positive reading is specific force (+g with the"
@@ -164,6 +180,9 @@ class MappingProposal:
         left_out: columns that are not proposed, with a remark on each.
         doubts: what cannot be known.
         findings: faults of the data.
+        origins: of each table.
+        instance: column that tells instruments apart, and the value chosen.
+        notes: on the file as a whole.
     """
 
     source: str
@@ -176,59 +195,90 @@ class MappingProposal:
     left_out: Sequence[str] = ()
     doubts: Sequence[str] = ()
     findings: Sequence[Finding] = field(default_factory=tuple)
+    origins: Mapping[str, Origin] = field(default_factory=dict)
+    instance: tuple[int | str, int | str] | None = None
+    notes: Sequence[str] = ()
 
     def toml(self) -> str:
         """The mapping as commented TOML."""
         return proposal_text(self)
 
 
-def propose_mapping(path: Path | str, budget: ReadBudget | None = None) -> MappingProposal:
-    """The proposed mapping of a file.
+def propose_mapping(
+    path: Path | str,
+    budget: ReadBudget | None = None,
+    more: Sequence[Path | str] = (),
+    instance: int | None = None,
+) -> MappingProposal:
+    """The proposed mapping of a file, or of several files of one recording.
+
+    Args:
+        path: of the file.
+        budget: how much memory the values of a file may take.
+        more: further files, joined with the first by their times.
+        instance: value of the instrument where several share a table; None: not chosen.
 
     Raises:
-        TiltcalError: the file cannot be read, or has no table of numbers.
+        TiltcalError: a file cannot be read, or has no table of numbers.
     """
-    path = Path(path)
-    budget = budget or ReadBudget()
-    format = format_of(path)
-    dialect = text_dialect(path) if format is TEXT else None
-    layout = FileLayout() if dialect is None else dialect.layout
-    file = format.read(path, layout.model_copy(update={"ragged_lines": "drop"}), budget)
-    names: dict[int, str] = {}
-    if dialect is not None and dialect.misfit:
-        names, known = proven_names(dialect.misfit, file.tables[0].columns)
-        doubt = f"{dialect.reasons['header']}: {known}"
-        dialect = replace(dialect, doubts=[*dialect.doubts, doubt])
-    channels, faults = channels_of(file, layout.decimal, names)
-    before = [] if dialect is None else dialect.before
-    times = {
-        t.name: find_time(
-            [c for c in channels if c.table == t.name],
-            stated_rate({**t.metadata, **stated_values(before)}, before),
-        )
-        for t in file.tables
-    }
+    paths = [Path(path), *map(Path, more)]
+    pieces = pieces_of(paths, budget or ReadBudget(), instance)
     with warnings.catch_warnings():  # columns may contain anything
         warnings.simplefilter("ignore", RuntimeWarning)
-        found = _proposal(file, channels, times, dialect)
+        found = _proposal(pieces)
     used = {c.channel.name for c in found.columns}
-    return replace(found, findings=[*(f for f in faults if f.column in used), *found.findings])
+    faults = [f for f in pieces.faults if f.column in used]
+    source = in_words([p.name for p in paths])
+    return replace(found, source=source, findings=[*faults, *found.findings])
 
 
-def _proposal(
-    file: RawFile,
-    channels: Sequence[Channel],
-    times: dict[str, TimeGuess],
-    dialect: Dialect | None,
-) -> MappingProposal:
-    taken = [id(t.channel) for t in times.values() if t.channel is not None]
-    remaining = [c for c in channels if id(c) not in taken]
+def _proposal(pieces: Pieces) -> MappingProposal:
+    file, times = pieces.file, dict(pieces.times)
+    means = [t.name for t in file.tables if _is_of_means(pieces.channels, t.name)]
+    times |= dict.fromkeys(means, TABLE_OF_MEANS)
+    taken = [id(t.channel) for t in pieces.times.values() if t.channel is not None]
+    remaining = [c for c in pieces.channels if id(c) not in taken]
     triads = [
-        triad
+        triad if name not in means else replace(triad, windows=None)
         for name, time in times.items()
         for triad in find_triads([c for c in remaining if c.table == name], time.rate)
     ]
     sensors = with_units(triads, {name: time.rate for name, time in times.items()})
+    columns, table, doubts = _columns_of(remaining, triads, sensors)
+    if not columns or all(pieces.origins[c.channel.table][0] for c in columns):
+        raise _nothing(file)
+    used = {id(c.channel) for c in columns}
+    doubts += _unexplained([c for c in remaining if id(c) not in used])
+    tables = list(dict.fromkeys(c.channel.table for c in columns))
+    clocks = {name: times[name] for name in tables}
+    doubts = [*pieces.doubts, *_doubts(list(clocks.values()), sensors, table, doubts)]
+    return MappingProposal(
+        file.source,
+        file.format,
+        max(len(t) for t in file.tables if t.name in tables),
+        pieces.dialect,
+        clocks,
+        columns,
+        table,
+        _left_out([c for c in remaining if id(c) not in used], triads),
+        list(dict.fromkeys(doubts)),
+        [*(f for t in file.tables for f in find_bad_lines(t)), *_findings(file, columns, times)],
+        pieces.origins,
+        pieces.instance,
+        [MEANS_NOTE] if set(means) & set(tables) else [],
+    )
+
+
+def _is_of_means(channels: Sequence[Channel], table: str) -> bool:
+    """Whether the labels of a table show that each row is a pose."""
+    labels = find_labels([c for c in channels if c.table == table])
+    return bool(labels) and is_a_row_a_pose(labels[0][0].raw)
+
+
+def _columns_of(
+    remaining: Sequence[Channel], triads: Sequence[Triad], sensors: Sequence[Sensor]
+) -> tuple[list[ColumnGuess], TableGuess | None, list[str]]:
+    """The columns of all sensors, of the table and of labels; the table; what cannot be known."""
     table, angles = _table(remaining, triads)
     columns = [guess for s in sensors for guess in _columns(s)]
     used = {id(c) for s in sensors for c in s.triad.channels}
@@ -241,23 +291,7 @@ def _proposal(
     columns += [ColumnGuess(*o) for o in others]
     doubts += more
     columns += [ColumnGuess(*o) for o in find_labels([c for c in remaining if id(c) not in used])]
-    if not columns:
-        raise _nothing(file)
-    used |= {id(c.channel) for c in columns}
-    doubts += _unexplained([c for c in remaining if id(c) not in used])
-    tables = list(dict.fromkeys(c.channel.table for c in columns))
-    return MappingProposal(
-        file.source,
-        file.format,
-        max(len(t) for t in file.tables if t.name in tables),
-        dialect,
-        {name: times[name] for name in tables},
-        columns,
-        table,
-        _left_out([c for c in remaining if id(c) not in used], triads),
-        _doubts(dialect, [times[name] for name in tables], sensors, table, doubts),
-        [*(f for t in file.tables for f in find_bad_lines(t)), *_findings(file, columns, times)],
-    )
+    return columns, table, doubts
 
 
 def _pairs(
@@ -349,14 +383,15 @@ def _left_out(channels: Sequence[Channel], triads: Sequence[Triad]) -> list[str]
 
 
 def _doubts(
-    dialect: Dialect | None,
     times: Sequence[TimeGuess],
     sensors: Sequence[Sensor],
     table: TableGuess | None,
     more: Sequence[str],
 ) -> list[str]:
-    found = list(dialect.doubts) if dialect else []
-    found += [d for t in times for d in t.doubts]
+    found = [d for t in times for d in t.doubts]
+    units = list(dict.fromkeys(t.unit for t in times if t.unit))
+    if len(units) > 1:
+        found.append(f"one unit for all times: they are in {in_words(units)}")
     for s in sensors:
         if s.unit.doubt:
             found.append(f"{s.name}: {s.unit.doubt}")
@@ -369,7 +404,7 @@ def _doubts(
     found += more
     if sensors:
         found.append(FRAMES)
-    return list(dict.fromkeys(found))
+    return found
 
 
 def _findings(
@@ -377,6 +412,8 @@ def _findings(
 ) -> list[Finding]:
     found: list[Finding] = []
     for name in dict.fromkeys(c.channel.table for c in columns):
+        if times[name] is TABLE_OF_MEANS:
+            continue
         inside = [c for c in columns if c.channel.table == name and c.channel.numeric]
         spec = times[name].spec
         time, _ = time_of(file.table(name), spec, file.source)

@@ -108,6 +108,10 @@ class TimeGuess:
         )
 
 
+TABLE_OF_MEANS = TimeGuess(None, "", "one row a pose: only their order matters", "", rate=1.0)
+"""The time of a table of means."""
+
+
 def find_time(channels: Sequence[Channel], stated: StatedRate | None) -> TimeGuess:
     """The time of the channels of one table.
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.core.errors import TiltcalError
 from tiltcal.core.optional_library import library
 from tiltcal.recordings.formats.budget import ReadBudget
+from tiltcal.recordings.formats.matlab_objects import objects_only
 from tiltcal.recordings.formats.raw_table import Raw, RawFile, by_length, vectors
 
 _UNIT_KEYS = ("units", "unit", "UNITS", "Unit", "Units")
@@ -32,15 +32,10 @@ def read_hdf5(path: Path, budget: ReadBudget) -> RawFile:
         budget.require(sum(_size(item) for _, item in sets), path.name)
         for name, item in sets:
             columns += _channels(name, item, units)
-        objects = [k for k, v in file.items() if _matlab_class(v) in ("table", "timetable")]
+        classes = [(k, _matlab_class(v)) for k, v in file.items()]
+    objects = [(name, kind) for name, kind in classes if kind in ("table", "timetable")]
     if not columns and objects:
-        raise TiltcalError(
-            f"foreign recording {path.name}",
-            found=f"only MATLAB objects ({', '.join(objects)}), such as a table or timetable",
-            need="plain arrays or structures",
-            do="in MATLAB: S = table2struct(timetable2table(T), 'ToScalar', true);"
-            " save('run.mat', '-struct', 'S')",
-        )
+        raise objects_only(path.name, objects)
     return RawFile(path.name, "HDF5", by_length(columns, units, path.name))
 
 

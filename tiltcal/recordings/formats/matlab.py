@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.formats.budget import ReadBudget
+from tiltcal.recordings.formats.matlab_objects import objects_only, stated_objects
 from tiltcal.recordings.formats.raw_table import Raw, RawFile, by_length, vectors
 
 _CELL = 8  # bytes of a value
+_MARK = b"MATLAB 5.0"
 
 
 def read_matlab(path: Path, budget: ReadBudget) -> RawFile:
@@ -21,17 +22,21 @@ def read_matlab(path: Path, budget: ReadBudget) -> RawFile:
     """
     from scipy import io
 
-    listed = io.whosmat(path)
-    budget.require(sum(_CELL * np.prod(shape, dtype=float) for _, shape, _ in listed), path.name)
+    with path.open("rb") as file:
+        version_5 = file.read(len(_MARK)) == _MARK
+    objects, size = stated_objects(path) if version_5 else ([], 0)
+    if objects:  # whosmat fails on them; a byte may become a double
+        budget.require(_CELL * size, path.name)
+    else:
+        shapes = [shape for _, shape, _ in io.whosmat(path)]
+        budget.require(sum(_CELL * np.prod(shape, dtype=float) for shape in shapes), path.name)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         content = io.loadmat(path, simplify_cells=True, verify_compressed_data_integrity=True)
-    objects = [n for n, _, kind in listed if kind in ("opaque", "object", "unknown")]
-    objects = [n for n in objects if n != "__function_workspace__"]
-    values = {k: v for k, v in content.items() if not k.startswith("__") and k not in objects}
+    values = {k: v for k, v in content.items() if not k.startswith("__") and k != "None"}
     columns = [c for name, value in values.items() for c in _channels(name, value)]
     if objects and not columns:
-        raise _objects_only(path.name, objects)
+        raise objects_only(path.name, objects)
     return RawFile(path.name, "MATLAB", by_length(columns, {}, path.name))
 
 
@@ -40,15 +45,3 @@ def _channels(name: str, value: Any) -> list[tuple[str, Raw]]:
     if isinstance(value, dict):
         return [c for key, inner in value.items() for c in _channels(f"{name}.{key}", inner)]
     return vectors(name, value)
-
-
-def _objects_only(source: str, objects: list[str]) -> TiltcalError:
-    name = objects[0] or "T"
-    return TiltcalError(
-        f"foreign recording {source}",
-        found=f"only MATLAB objects ({', '.join(o or 'unnamed' for o in objects)}),"
-        " such as a table or timetable",
-        need="plain arrays or structures",
-        do=f"in MATLAB: S = table2struct(timetable2table({name}), 'ToScalar', true);"
-        " save('run.mat', '-struct', 'S')",
-    )

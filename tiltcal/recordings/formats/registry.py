@@ -3,12 +3,15 @@ error of a file that its library cannot read.
 """
 
 import importlib
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
 from tiltcal.recordings.formats.budget import ReadBudget
+from tiltcal.recordings.formats.labelled_lines import are_labelled_lines
+from tiltcal.recordings.formats.other_programs import refuse_other_program
 from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.mapping import FileLayout
 
@@ -57,6 +60,8 @@ class Format:
 
 
 TEXT = Format("text", "text:read_text")
+LABELLED = Format("lines of names and numbers", "labelled_lines:read_labelled_lines")
+MATLAB_4 = Format("MATLAB", "matlab:read_matlab")
 BAG_FOLDER = Format("ROS 2 bag", "ros_files:read_bag")
 BINARY = (
     Format("Parquet", "parquet_tables:read_parquet_tables", (b"PAR1",), (".parquet", ".pq")),
@@ -85,9 +90,12 @@ def format_of(path: Path) -> Format:
     require_file(path, "foreign recording")
     with path.open("rb") as file:
         head = file.read(_LONGEST)
+    refuse_other_program(path, head)
     for format in BINARY:
         if head.startswith(format.marks):
             return format
+    if _is_matlab_4(head):
+        return MATLAB_4
     for format in BINARY:
         if path.suffix.lower() in format.suffixes:
             return format
@@ -106,7 +114,29 @@ def format_of(path: Path) -> Format:
             need="text, " + ", ".join(dict.fromkeys(f.name for f in BINARY)),
             do="export it in one of these",
         )
-    return TEXT
+    return LABELLED if are_labelled_lines(path) else TEXT
+
+
+def _is_matlab_4(head: bytes) -> bool:
+    """Whether a file begins with the header of a matrix of MATLAB 4, which has no mark: its type
+    MOPT (order of bytes, 0, precision, kind), rows, columns, whether it is complex, and the length
+    of its name.
+    """
+    if len(head) < _LONGEST:
+        return False
+    for order, big in (("<", 0), (">", 1)):
+        kind, rows, columns, imaginary, length = struct.unpack_from(order + "5i", head)
+        name = head[20 : 20 + length - 1] if 1 < length <= _NAME else b""
+        digits = (kind // 1000, kind // 100 % 10, kind // 10 % 10, kind % 10)
+        valid = digits[0] == big and digits[1] == 0 and digits[2] <= 5 and digits[3] <= 2
+        if valid and kind >= 0 and min(rows, columns) >= 0 and imaginary in (0, 1):
+            word = name.replace(b"_", b"a").decode("latin-1")
+            if word.isascii() and word.isalnum():
+                return True
+    return False
+
+
+_NAME = 64  # bytes of a name of MATLAB with its end
 
 
 def read_raw(path: Path, layout: FileLayout, budget: ReadBudget | None = None) -> RawFile:

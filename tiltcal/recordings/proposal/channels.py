@@ -27,7 +27,7 @@ _ROLES = (
     ("free", r"free_?acc|lin_?acc(?!el)|gravity_?free|user_?acc"),
     (
         "time",
-        r"time(stamp)?|^t$|stamp|^sec(ond)?s?$|^utc|epoch|elapsed|^date|^zeit|^received$|时间",
+        r"time(stamp)?|^t$|stamp|^sec(ond)?s?$|^utc|epoch?(_|$)|elapsed|^date|^zeit|^received$|时间",
     ),
     (
         "counter",
@@ -65,6 +65,8 @@ _ROLES = (
 )
 _PATTERNS = tuple((role, re.compile(pattern)) for role, pattern in _ROLES)
 _AXIS = re.compile(r"(?:^|_)([xyz])(?:_|$)|(?<=[a-z])([xyz])$|([xyzXYZ])轴?$")
+_AXIS_WORD = re.compile(r"(^|_)([xyz])_axis(?=_|$)|(?<=_)axis_([xyz]$)|^axis_(?=[xyz]$)")
+"""The word at an axis that would make it an angle of a table: ``x-axis``, ``Axis Y``."""
 _INDEX = re.compile(r"\[([0-2])\]$|_([1-3])$")
 
 
@@ -87,7 +89,7 @@ def meaning_of(name: str, table: str = "") -> Meaning:
     """The meaning of a column's name; the name of its table helps where the column states
     nothing.
     """
-    plain = _plain(bare_name(name))
+    plain = _AXIS_WORD.sub(r"\1\2\3", _plain(bare_name(name)))
     axis, group = _axis_of(plain, bare_name(name))
     role = _role_of(plain) or _role_of(group)
     of_table = _role_of(_plain(table))

@@ -102,14 +102,23 @@ def read_text(path: Path, layout: FileLayout, budget: ReadBudget) -> RawFile:
     """A text file in a stated layout.
 
     Raises:
-        TiltcalError: there are no rows, or a line has another number of cells than the first.
+        TiltcalError: there are no rows, fewer lines than are to be skipped, or a line has another
+            number of cells than the first.
     """
     budget.require(path.stat().st_size, path.name)
     data = to_utf8(path.read_bytes(), layout.encoding, path.name)
-    start, before = 0, []
-    for _ in range(layout.skip_lines):
+    start = 0
+    before: list[str] = []
+    while len(before) < layout.skip_lines and start < len(data):
         line, start = _line(data, start)
         before.append(line)
+    if len(before) < layout.skip_lines:
+        raise TiltcalError(
+            f"foreign recording {path.name}",
+            found=f"{len(before)} lines",
+            need=f"more than the {layout.skip_lines} of skip_lines",
+            do="correct file.skip_lines in the mapping",
+        )
     names, units, start = _titles(data, start, layout)
     if layout.comment and layout.comment.encode() in data:
         data, start = _without_comments(data[start:], layout.comment.encode()), 0

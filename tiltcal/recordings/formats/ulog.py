@@ -2,6 +2,8 @@
 
 import contextlib
 import io
+import mmap
+import struct
 from pathlib import Path
 
 from tiltcal.core.errors import TiltcalError
@@ -24,10 +26,11 @@ def read_ulog(path: Path, budget: ReadBudget) -> RawFile:
     """One table a topic; further instances of a topic are called ``<topic>_1`` and so on.
 
     Raises:
-        TiltcalError: the library is missing, or nothing was logged.
+        TiltcalError: the library is missing, its definitions do not end, or nothing was logged.
     """
     core = library("pyulog", "ulog", "ULog files")
     budget.require(path.stat().st_size, path.name)
+    _require_definitions(path)
     output = io.StringIO()
     with contextlib.redirect_stdout(output), path.open("rb") as file:
         log = core.ULog(file)
@@ -53,3 +56,30 @@ def read_ulog(path: Path, budget: ReadBudget) -> RawFile:
             do="log the topics of the sensors",
         )
     return RawFile(path.name, "ULog", tuple(tables))
+
+
+_HEADER, _MESSAGE = 16, struct.Struct("<HB")  # bytes of the file's header; size and type
+_DEFINITIONS, _LOGGED = b"BFIMPQ", b"ALC"  # types of messages before the data, and that end these
+_LONGEST = 10_000  # bytes: above it pyulog takes an unknown message for damage
+
+
+def _require_definitions(path: Path) -> None:
+    """Refuse a file whose definitions run into its end: pyulog never comes back from it, because it
+    steps back by the stated size of the last message, of which it has read less.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        at = _HEADER
+        while at + _MESSAGE.size <= len(data):
+            size, kind = _MESSAGE.unpack_from(data, at)
+            if kind in _LOGGED:
+                return
+            if at == _HEADER and kind not in _DEFINITIONS:
+                break
+            damaged = kind == 0 or not 0 < size <= _LONGEST
+            at += 1 if kind not in _DEFINITIONS and damaged else _MESSAGE.size + size
+    raise TiltcalError(
+        f"foreign recording {path.name}",
+        found="no message of data after the definitions",
+        need="a whole ULog file",
+        do="check the file, or fetch it again from the vehicle",
+    )

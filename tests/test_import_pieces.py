@@ -191,3 +191,15 @@ def test_a_row_a_pose_is_noted_and_imported_as_a_table_of_means(clock, tmp_path)
         "\n".join([f"{clock}acc_x,acc_y,acc_z,label", *(r for r in rows for _ in "123456789")])
     )
     assert "# note" not in propose_mapping(path).toml()
+
+
+def test_an_instance_may_be_named_by_a_text(tmp_path):
+    rows = [f"{k // 2 / 50},{'ab'[k % 2]},{k % 2 + 1}" for k in range(20)]
+    (tmp_path / "a.csv").write_text("\n".join(["t,unit,x", *rows]) + "\n")
+    text = '[file]\ninstance = {{ column = "unit", value = "{}" }}\n[time]\ncolumn = "t"\n'
+    text += '[[column]]\nfrom = "x"\nto = "a_x_g"\n'
+    recording = import_file(tmp_path / "a.csv", parse_mapping(text.format("b"), "m")).recording
+    assert len(recording) == 10
+    assert set(recording.column("a_x_g")) == {2.0}
+    with pytest.raises(TiltcalError, match="found no row with c, need one of a, b"):
+        import_file(tmp_path / "a.csv", parse_mapping(text.format("c"), "m"))

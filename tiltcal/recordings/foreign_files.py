@@ -150,18 +150,16 @@ def one_instance(file: RawFile, instance: InstanceOf) -> RawFile:
 def _of_instance(table: RawTable, instance: InstanceOf, source: str) -> RawTable:
     if not table.has(instance.column):
         return table
-    texts = np.array(
-        [
-            f"{v:g}" if isinstance(v, float) else str(v)
-            for v in table.column(instance.column, source).tolist()
-        ]
-    )
-    rows = np.flatnonzero(texts == str(instance.value))
+    raw = table.column(instance.column, source)
+    if raw.dtype.kind in "if" and isinstance(instance.value, int):
+        rows = np.flatnonzero(raw == instance.value)
+    else:
+        rows = np.flatnonzero(raw.astype(str) == str(instance.value))
     if not len(rows):
         raise TiltcalError(
             f"foreign recording {source}, column {instance.column}",
             found=f"no row with {instance.value}",
-            need=f"one of {', '.join(np.unique(texts)[:_SHOWN])}",
+            need=f"one of {', '.join(np.unique(raw.astype(str))[:_SHOWN])}",
             do="choose one of these with --instance",
         )
     return replace(table, columns=tuple((n, values[rows]) for n, values in table.columns))

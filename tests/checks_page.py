@@ -44,7 +44,8 @@ def page() -> str:
     for check in CHECKS:
         about = " ".join((check.__doc__ or "").split()).rstrip(".")
         repair = f"`{check.repair}`" if check.repair else "-"
-        repair += ", certain" if check.is_certain else ""
+        if check.is_certain:
+            repair = f"{repair}, certain" if check.repair else "`diagnose` leaves it out"
         test = f"`{check.test}`: {ANSWERS[check.answer]}"
         cells = (f"`{check.name}`", about, check.looks_at, check.finds, test, repair)
         rows.append(f"| {' | '.join(cells)} |")

@@ -412,7 +412,7 @@ def test_faults_are_found_with_their_places(tmp_path):
         ("time_repeated", "time_s"): (1, 201),
         ("gap", "time_s"): (2, 101),
         ("frozen", "accel_x_m_s2"): (39, 52),
-        ("dead", "accel_y_m_s2"): (N, 1),
+        ("dead", "accel_y_m_s2"): (N, 2),
         ("missing", "accel_z_m_s2"): (10, 121),
         ("clipped", "accel_z_m_s2"): (10, 351),
         ("wrap", "table_outer_deg"): (5, 73),

@@ -6,7 +6,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.units import COLUMN_UNITS, split_unit
-from tiltcal.data_quality.check import Check, Finding, in_rows, in_words
+from tiltcal.data_quality.check import Check, Emptying, Finding, in_rows, in_words
 from tiltcal.data_quality.log import FINE, Channel, Log
 
 HALF_TURN = 0.5  # turns: an angle does not jump by more between two rows
@@ -38,7 +38,7 @@ def _at_slower_rate(channel: Channel) -> bool:
     return bool(len(apart)) and bool(apart[0] > 1) and bool(np.all(apart == apart[0]))
 
 
-class Constant(Check):
+class Constant(Emptying):
     """A channel without a value, or with a single one."""
 
     name = "dead"
@@ -62,7 +62,7 @@ class Constant(Check):
                         f"{c.name}: {c.read[0]:g} in all {len(c.read)} rows: dead, disconnected or"
                         " too coarsely quantised"
                     )
-                    yield self.finding((c.name,), c.rows, words)
+                    yield self.finding((c.name,), c.rows[1:], words, count=len(c.rows))
 
 
 def _is_computed(channel: Channel) -> bool:

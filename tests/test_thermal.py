@@ -283,7 +283,7 @@ def test_what_no_polynomial_follows_fails_the_fit_and_names_where(fault):
     assert not fit.passed
     assert "times it; the largest from" in fit.statement
     (cause,) = [t for t in found.tests if t.name == "cause of accel"]
-    assert ("the temperature repeats one value" in cause.statement) is (fault == "stuck")
+    assert ("temperature_degC: frozen at" in cause.statement) is (fault == "stuck")
 
 
 def test_the_noise_of_a_thermometer_is_no_way_back():

@@ -5,7 +5,7 @@ from functools import reduce
 
 import numpy as np
 
-from tiltcal.core.arrays import Index, Mask
+from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.data_quality.check import Check, Emptying, Finding
 from tiltcal.data_quality.log import CHANCE, FINE, FLAT, LEAST, Channel, Log, repeat_chance, runs_of
 
@@ -60,17 +60,27 @@ class Frozen(Emptying):
     def _find(self, log: Log) -> Iterator[Finding]:
         every = [[c] for c in log.channels.values() if c.channel == "temperature"]
         for c in _with_noise([*log.sensors.values(), *every]):
-            long = _frozen_runs(c)
-            if not long:
-                continue
-            a, b = max(long, key=lambda run: run[1] - run[0])
-            rows = np.concatenate([c.rows[i + 1 : j] for i, j in long])
-            start, end = log.time[c.rows[a]], log.time[c.rows[b - 1]]
-            words = f"{c.name}: frozen at {c.read[a]:.6g} from {start:.6g} to {end:.6g} s"
-            if len(long) > 1:
-                words += f", the longest of {len(long)} stretches"
-            size = {"start": float(start), "length": float(end - start)}
-            yield self.finding((c.name,), rows, words, size=size)
+            if long := _frozen_runs(c):
+                yield self.frozen(c, log.time, long)
+
+    def frozen(self, c: Channel, time: Array, long: Sequence[tuple[int, int]]) -> Finding:
+        """A finding of runs of readings, first and last exclusive. time: of the rows, s, (n,)."""
+        a, b = max(long, key=lambda run: run[1] - run[0])
+        rows = np.concatenate([c.rows[i + 1 : j] for i, j in long])
+        start, end = time[c.rows[a]], time[c.rows[b - 1]]
+        words = f"{c.name}: frozen at {c.read[a]:.6g} from {start:.6g} to {end:.6g} s"
+        if len(long) > 1:
+            words += f", the longest of {len(long)} stretches"
+        size = {"start": float(start), "length": float(end - start)}
+        return self.finding((c.name,), rows, words, size=size)
+
+
+def standing_still(c: Channel, time: Array) -> Finding | None:
+    """A channel with noise or without that repeats one value where its others hardly repeat; None
+    where it does not. time: of the rows, s, (n,).
+    """
+    long = _frozen_runs(c)
+    return Frozen().frozen(c, time, long) if long else None
 
 
 def _with_noise(sensors: Sequence[Sequence[Channel]]) -> Iterator[Channel]:

@@ -141,7 +141,8 @@ class Channel:
         """
         blocks = self.sample[: len(self.sample) // REST * REST].reshape(-1, REST)
         spread = blocks.std(axis=1)
-        blocks, spread = blocks[spread > self.rounding], spread[spread > self.rounding]
+        live = np.isfinite(spread) & (spread > self.rounding)
+        blocks, spread = blocks[live], spread[live]
         if not len(blocks):
             return False
         quiet = blocks[spread <= np.quantile(spread, AT_REST)]

@@ -18,7 +18,7 @@ from tiltcal.calibration.methods.common import (
 from tiltcal.calibration.methods.terms import columns_under
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.causes import Misfit, cause_test, lacking_terms, part_words
-from tiltcal.calibration.screen.columns import common_gain, order_test, unit_test
+from tiltcal.calibration.screen.columns import order_test, unit_tests
 from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array, Index, Mask
@@ -129,7 +129,7 @@ def _tests(blocks: "Blocks", used: Mask, fit: Fit, recording: Recording) -> list
     tests += _turn_tests(blocks, used)
     if len(gyro.axes) == 3:
         M = fitted_sensitivity(fit, gyro.name)
-        tests += [order_test(M), unit_test(gyro, common_gain(M), recording.sensor(gyro).units[0])]
+        tests += [order_test(M), *unit_tests(gyro, M, recording.sensor(gyro).units[0])]
     return tests
 
 

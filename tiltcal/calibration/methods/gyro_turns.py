@@ -38,7 +38,7 @@ from tiltcal.calibration.methods.norm import norm
 from tiltcal.calibration.methods.terms import effect_of_term
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.causes import cause_test
-from tiltcal.calibration.screen.columns import columns_test, common_gain, unit_test
+from tiltcal.calibration.screen.columns import columns_test, unit_tests
 from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
@@ -112,9 +112,9 @@ def gyro_turns(
         rests = replace(rests, references=uncertain)
         fit, converged = solve(turns, static, names, x, rests.references)
     heldout = _held_out(turns, static, names, fit)
-    gain = common_gain(fitted_sensitivity(fit, gyro.name))
+    M = fitted_sensitivity(fit, gyro.name)
     tests = [_fit_test(turns, fit, names), _columns_test(turns, rests), *counted, *live]
-    tests.append(unit_test(gyro, gain, recording.sensor(gyro).units[0]))
+    tests += unit_tests(gyro, M, recording.sensor(gyro).units[0])
     if not tests[0].passed:
         tried = misfit_of_turns(turns, static, names, fit, rests, gyro).explanations()
         tried += angle_causes(turns, static, names, fit, rests)

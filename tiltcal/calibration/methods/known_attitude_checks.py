@@ -25,7 +25,7 @@ from tiltcal.calibration.screen.columns import (
     common_gain,
     exchanged_words,
     order_test,
-    unit_test,
+    unit_tests,
 )
 from tiltcal.calibration.screen.drift import slope_test
 from tiltcal.calibration.screen.explanations import Explanation, explanation
@@ -188,7 +188,7 @@ def known_attitude_tests(
     if {"scale", "cross_axis"} <= set(model.terms) and not fit.dropped:
         M = fitted_sensitivity(fit, poses.sensor.name, poses.sensor.axes)
         plausible = is_plausible(M)
-        tests += [unit_test(poses.sensor, common_gain(M), unit), order_test(M)]
+        tests += [*unit_tests(poses.sensor, M, unit), order_test(M)]
     if not tests[0].passed or not plausible:
         tried = causes(poses, model, fit, recording, turned, fits=tests[0].passed)
         tests.append(cause_test(tried, recording.source))

@@ -20,7 +20,7 @@ from tiltcal.calibration.methods.norm_model import (
     vector_of,
 )
 from tiltcal.calibration.screen.causes import Misfit, at_poses
-from tiltcal.calibration.screen.columns import common_gain, unit_test
+from tiltcal.calibration.screen.columns import unit_tests
 from tiltcal.calibration.screen.drift import mean_slope
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test
 from tiltcal.core.arrays import Array, Mask
@@ -88,7 +88,7 @@ def plausibility_tests(poses: Poses, fit: Fit, terms: int, unit: str) -> list[Te
             " record such poses"
         )
     return [
-        unit_test(poses.sensor, common_gain(M), unit),
+        *unit_tests(poses.sensor, M, unit),
         threshold_test("not mirrored", least, least > 0, words),
         threshold_test("faces complete", len(missing), not missing, sides, dof=6),
     ]

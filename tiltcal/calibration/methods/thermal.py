@@ -30,12 +30,14 @@ from tiltcal.calibration.methods.thermal_model import (
 )
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.calibration.screen.causes import cause_test
-from tiltcal.calibration.screen.data import data_tests, findings_of
+from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.screen.outliers import outlier_tests
 from tiltcal.calibration.validity import Test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import G0
+from tiltcal.data_quality.flat import standing_still
+from tiltcal.data_quality.log import Channel
 from tiltcal.instrument.temperature import Memory, TemperatureCourse
 from tiltcal.instrument.terms import SHARED
 from tiltcal.recordings.recording import Recording
@@ -190,9 +192,11 @@ class SensorFit:
     def cause(self, fit: BlockFit, setup: Setup, recording: Recording) -> Test:
         """The cause of a misfit. fit: how well the blocks were fitted."""
         name = f"cause of {self.sensor.name}"
-        for finding in findings_of(recording, ()):
-            if finding.column.startswith("temperature_"):
-                return threshold_test(name, 1, False, finding.statement)
+        # of a thermometer only then: a constant soak is no fault
+        column = str(recording.channel("temperature"))
+        stuck = standing_still(Channel(column, recording.column(column)), recording.time)
+        if stuck is not None:
+            return threshold_test(name, 1, False, stuck.statement)
         left, design = self.left()[0], self.choice.design
         misfit = misfit_of_blocks(self.sensor, setup, self.blocks, fit, left, design)
         return cause_test(misfit.explanations(), recording.source, name)

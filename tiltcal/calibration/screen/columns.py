@@ -100,6 +100,24 @@ def order_test(M: Array) -> Test:
     return threshold_test("columns as named", np.abs(M - np.eye(len(M))).max(), ok, words)
 
 
+ONE_AXIS = 0.5  # of the gain: each channel senses one axis to it, and hardly the others
+
+
+def unit_tests(sensor: Sensor, M: Array, unit: str) -> list[Test]:
+    """The test of the unit where each channel senses one axis, whichever; none elsewhere: the
+    determinant of another matrix is no gain.
+
+    Args:
+        sensor: which.
+        M: its sensitivity, (k, k).
+        unit: of the columns.
+    """
+    gain = common_gain(M)
+    single = np.eye(len(M))[-1]
+    apart = np.abs(np.sort(np.abs(M) / gain, axis=1) - single).max()
+    return [unit_test(sensor, gain, unit)] if apart < ONE_AXIS else []
+
+
 def unit_test(sensor: Sensor, gain: float, unit: str) -> Test:
     """Is the column in the unit that its name states? Fails where the gain is far from one.
 

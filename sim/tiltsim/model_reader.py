@@ -51,6 +51,10 @@ def require_inside(folder: Path, path: Path, text: str) -> Path:
     return found
 
 
+MOST_BODIES = 2000
+COPIES = ("replicate",)
+
+
 def check_files(main: Path, folder: Path) -> None:
     """Every file that a model and its parts name lies in a folder; MuJoCo reports one that is
     missing.
@@ -65,6 +69,7 @@ def check_files(main: Path, folder: Path) -> None:
         if path in roots:
             continue
         roots[path] = _parsed(path)
+        _require_few(roots[path], path.name)
         for name, tag in _named(roots[path]):
             for position in (main.parent, path.parent) if tag in PARTS else ():
                 target = (position / name).resolve()
@@ -78,6 +83,25 @@ def check_files(main: Path, folder: Path) -> None:
                     target = (position / assets / name).resolve()
                     if not target.is_relative_to(folder.resolve()):
                         require_inside(folder, target, name)
+
+
+def _require_few(root: Element, name: str, times: int = 1) -> None:
+    """Refuse copies in copies that MuJoCo would make without end.
+
+    Raises:
+        TiltcalError: there are more than bodies are taken.
+    """
+    for element in root:
+        count = element.get("count", "1") if element.tag in COPIES else "1"
+        copies = times * (int(count) if count.isdigit() else 1)
+        if copies > MOST_BODIES:
+            raise TiltcalError(
+                f"model {name}, element {element.tag}",
+                found=f"{copies:.3g} copies",
+                need=f"at most {MOST_BODIES}",
+                do="leave out what does not carry the instrument",
+            )
+        _require_few(element, name, copies)
 
 
 def _named(root: Element) -> Iterator[tuple[str, str]]:
@@ -148,9 +172,6 @@ def _servo(model: "mujoco.MjModel", actuator: int, joint: int) -> tuple[float, f
         return None
     gear = float(model.actuator_gear[actuator, 0])
     return gear**2 * float(gain[0]), gear**2 * max(float(-bias[2]), 0.0)
-
-
-MOST_BODIES = 2000
 
 
 def read_model(

@@ -84,9 +84,9 @@ def _interrupted() -> int:
 
 def _refused(message: str) -> int:
     """The one message, and the exit status of unusable input."""
-    from tiltcal.core.safe_text import plain
+    from tiltcal.core.safe_text import plain, shortened
 
-    print(plain(f"tiltcal: {message}"), file=sys.stderr)
+    print(shortened(plain(f"tiltcal: {message}")), file=sys.stderr)
     return 2
 
 
@@ -107,7 +107,14 @@ def _unexpected(error: Exception) -> str:
         return f"memory: found none left, need more of it; use shorter recordings, or {again}"
     if isinstance(error, RecursionError):
         return f"input: found tables nested too deeply, need flat ones; write them flat, or {again}"
+    if isinstance(error, OverflowError):
+        return f"input: found numbers too large to compute with, need smaller ones; or {again}"
     name = type(error).__name__
+    errors = getattr(error, "errors", None)
+    if name == "ValidationError" and errors is not None:  # of pydantic, without its import
+        first = errors()[0]
+        where = ".".join(map(str, first["loc"])) or "a key"
+        return f"input, {where}: found a wrong value, need another: {first['msg']}; or {again}"
     return f"found an internal error ({name}: {error}), need a bug report; {again}"
 
 

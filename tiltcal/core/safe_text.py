@@ -20,6 +20,16 @@ def plain(text: str) -> str:
     return COMMANDING.sub(lambda found: ascii(found.group())[1:-1], text)
 
 
+WORD = 200  # characters of a word that a message echoes whole
+MOST = 4000  # of a message
+
+
+def shortened(text: str) -> str:
+    """A message without the middle of words that fill a screen, and without an end that does."""
+    words = re.sub(rf"\S{{{WORD},}}", lambda found: f"{found[0][: WORD // 2]}...", text)
+    return words if len(words) <= MOST else f"{words[:MOST]} ..."
+
+
 FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """The beginning of a text that is a formula to a spreadsheet, or would be one after reading."""
 HARMLESS = re.compile(r"[+-]?(?:[xyz]|\d+\.?\d*(?:[eE][+-]?\d+)?)?")

@@ -109,7 +109,7 @@ class Mapping(StrictTable):
 
     file: FileLayout = FileLayout()
     time: TimeSource
-    column: tuple[ColumnMapping, ...]
+    column: Annotated[tuple[ColumnMapping, ...], Field(min_length=1)]
     repair: tuple[Annotated[str, AfterValidator(_known_repair)], ...] = ()
     metadata: dict[str, str] = {}
 

@@ -124,6 +124,15 @@ class Factor(StrictTable):
     """Standard deviation of `normal`."""
 
     @model_validator(mode="after")
+    def _distinct(self) -> "Factor":
+        labels = [level.label for level in self.level or ()]
+        for words, given in (("value", self.values or ()), ("label", labels)):
+            twice = [v for k, v in enumerate(given) if v in given[:k]]
+            if twice:
+                raise ValueError(f"the {words} {twice[0]!r} stands twice")
+        return self
+
+    @model_validator(mode="after")
     def _one_kind(self) -> "Factor":
         kinds = [self.values, self.start, self.level, self.distribution]
         if sum(kind is not None for kind in kinds) != 1:

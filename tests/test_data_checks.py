@@ -14,6 +14,8 @@ from statistics_helpers import rng_of
 from tiltcal.cli import main
 from tiltcal.data_quality.log import Log
 from tiltcal.data_quality.registry import CHECKS, REPAIRS, inspect_log, repair_log
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.saving import write_recording
 
 LOGS = 500
 FORCE = 9.80665 * np.array([0.3, -0.2, 0.93])
@@ -211,3 +213,22 @@ def test_import_calibrate_and_diagnose_say_the_same(tmp_path, capsys):
     main(["diagnose", log, "--scenario", bench, "-o", out])
     capsys.readouterr()
     assert finding["statement"] in (tmp_path / "out" / "diagnosis.json").read_text()
+
+
+def test_a_raw_gyro_is_one_and_does_not_keep_the_accelerometer_from_being_calibrated(tmp_path):
+    """Readings of a gyro in LSB without a stated scale: ``init`` says so, ``norm`` needs none."""
+    rng = rng_of("raw gyro")
+    up = rng.normal(size=(12, 3))
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    knots = np.concatenate([[400 * k, 400 * k + 340] for k in range(12)])
+    turned = np.column_stack([np.interp(np.arange(4800), knots, np.repeat(u, 2)) for u in up.T])
+    force = 9.80665 * turned + 0.01 * rng.normal(size=turned.shape)
+    rate = 5000 * np.gradient(turned, axis=0)[:, [1, 2, 0]] + 20 * rng.normal(size=turned.shape)
+    columns = {f"accel_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
+    columns |= {f"gyro_{a}_LSB": np.round(rate[:, i]) for i, a in enumerate("xyz")}
+    log = str(tmp_path / "log.csv")
+    write_recording(Recording.from_columns(np.arange(4800) / 100, columns), log)
+    bench = str(tmp_path / "bench.toml")
+    assert main(["init", "--from", log, "-o", bench, "--latitude", "50"]) == 0
+    assert 'kind = "gyro"' in (tmp_path / "bench.toml").read_text()
+    assert main(["calibrate", log, "--scenario", bench, "--method", "norm"]) == 0

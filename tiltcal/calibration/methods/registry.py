@@ -34,6 +34,7 @@ from tiltcal.calibration.screen.limiter import limiter_tests
 from tiltcal.calibration.validity import threshold_test
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.numerical import determining
+from tiltcal.core.units import split_unit
 from tiltcal.data_quality.registry import BY_NAME
 from tiltcal.effects.parameter import by_name
 from tiltcal.recordings.means_table import MeansTable
@@ -261,7 +262,9 @@ def _with_setup(result: Calibration, setup: Setup) -> Calibration:
 
 def _stated(result: Calibration, setup: Setup, recording: Recording) -> Calibration:
     """The calibration with the set-up and the units of the user's columns in its provenance."""
-    columns = {s.name: recording.sensor(s).units[0] for s in setup.sensor if recording.has(s)}
+    there = [s for s in setup.sensor if recording.has(s)]
+    first = {s.name: str(recording.channel(f"{s.name}_{s.axes[0]}")) for s in there}
+    columns = {name: split_unit(column)[1] for name, column in first.items()}
     stated: dict[str, Any] = {"columns": columns}
     if (temperature := recording.channel("temperature")) is not None:
         stated["temperature_degC"] = float(np.nanmean(recording.column(temperature)))

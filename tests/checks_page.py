@@ -27,10 +27,13 @@ is printed. What a command makes of it differs:
 - `diagnose` repairs what is certain and reports it as an effect of the catalogue where there is
   one, else as a note.
 
-Checks stand in their order: what one of them repairs or explains, those after it do not see. A
-check finds a fault in a sound channel with a probability of at most one in a million; five hundred
-sound logs of all tables, units and kinds of rounding show none (`tests/test_data_checks.py`).
-Faults that need a model are on the page on [faults](faults.md).
+Stamps that do not increase are refused by `calibrate` and `check` where the file is read, with the
+row.
+
+Checks stand in their order: what one of them repairs or explains, those after it do not see. Those
+that count repeats do so at one in a million for each channel, the others have thresholds; none
+finds a fault in five hundred sound logs of all units and kinds of rounding
+(`tests/test_data_checks.py`). Faults that need a model are on the page on [faults](faults.md).
 
 | check | what it is | looks at | found at | test of a calibration | repair |
 |---|---|---|---|---|---|

@@ -9,6 +9,8 @@ import pytest
 from statistics_helpers import rng_of
 
 from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.calibration.screen.causes import cause_test
+from tiltcal.calibration.screen.explanations import Explanation
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.sources import SourceTable
@@ -178,3 +180,15 @@ def test_what_no_single_cause_explains_is_handed_to_diagnose():
     (test,) = [t for t in found.tests if t.name == "cause"]
     assert "no single cause" in test.statement
     assert "tiltcal diagnose wave.csv --scenario" in test.statement
+
+
+def test_the_cause_that_takes_most_is_named_where_none_takes_all():
+    """By hand: of chi-square 1e6 one cause leaves 6e3 of 10 degrees of freedom, the others all."""
+    tried = [
+        Explanation("the dwell at 7 s", 6e3, 10, 6.1e3),
+        Explanation("the term K2", 9.9e5, 10, 9.9e5),
+        Explanation("a drift", 1e6, 10, 1e6),
+    ]
+    statement = cause_test(tried, "recording r.csv").statement
+    assert "explains all of it, most is the dwell at 7 s (chi2/dof 600 is left)" in statement
+    assert "explains it; run" in cause_test(tried[1:], "recording r.csv").statement

@@ -186,13 +186,18 @@ to = "accel_z_m_s2"
 """
 
 
-def test_import_calibrate_and_diagnose_say_the_same(tmp_path, capsys):
-    """A channel that froze in one of twelve positions by hand."""
-    rng = rng_of("same words")
+def twelve_positions(rng):
+    """Up in the body, (4800, 3): positions by hand with moves between them."""
     up = rng.normal(size=(12, 3))
     up /= np.linalg.norm(up, axis=1)[:, None]
     knots = np.concatenate([[400 * k, 400 * k + 340] for k in range(12)])
-    turned = np.column_stack([np.interp(np.arange(4800), knots, np.repeat(u, 2)) for u in up.T])
+    return np.column_stack([np.interp(np.arange(4800), knots, np.repeat(u, 2)) for u in up.T])
+
+
+def test_import_calibrate_and_diagnose_say_the_same(tmp_path, capsys):
+    """A channel that froze in one of twelve positions by hand."""
+    rng = rng_of("same words")
+    turned = twelve_positions(rng)
     force = 9.80665 * turned + 0.01 * rng.normal(size=turned.shape)
     force[2050:2150, 0] = force[2050, 0]
     time = np.arange(len(force)) / 100
@@ -218,10 +223,7 @@ def test_import_calibrate_and_diagnose_say_the_same(tmp_path, capsys):
 def test_a_raw_gyro_is_one_and_does_not_keep_the_accelerometer_from_being_calibrated(tmp_path):
     """Readings of a gyro in LSB without a stated scale: ``init`` says so, ``norm`` needs none."""
     rng = rng_of("raw gyro")
-    up = rng.normal(size=(12, 3))
-    up /= np.linalg.norm(up, axis=1)[:, None]
-    knots = np.concatenate([[400 * k, 400 * k + 340] for k in range(12)])
-    turned = np.column_stack([np.interp(np.arange(4800), knots, np.repeat(u, 2)) for u in up.T])
+    turned = twelve_positions(rng)
     force = 9.80665 * turned + 0.01 * rng.normal(size=turned.shape)
     rate = 5000 * np.gradient(turned, axis=0)[:, [1, 2, 0]] + 20 * rng.normal(size=turned.shape)
     columns = {f"accel_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}

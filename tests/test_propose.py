@@ -352,3 +352,51 @@ def test_recordings_of_the_simulator_without_their_units_are_never_taken_wrong(
     for c in found["column"]:
         unknown = c["to"].endswith("_?") and known[c["from"]].startswith(c["to"][:-1])
         assert unknown or c["to"] == known[c["from"]]
+
+
+def proposed_names(tmp_path, names, *columns):
+    path = table_of(tmp_path / "a.csv", ["t", *names], np.arange(len(columns[0])) / 100, *columns)
+    text = propose_mapping(path).toml()
+    return {str(c["from"]): c["to"] for c in tomllib.loads(text)["column"]}, text
+
+
+def test_what_no_sensor_reads_is_none(tmp_path):
+    """Beside an accelerometer: flags, commands, the output of a filter, a unit vector, and a
+    quaternion without names, all of which have an even norm or stand still at rest.
+    """
+    f, rng = six_faces(), np.random.default_rng(7)
+    turn = np.linspace(0, 2, len(f))
+    unit = f / np.linalg.norm(f, axis=1)[:, None]
+    quaternion = [np.cos(turn), 0.6 * np.sin(turn), 0.8 * np.sin(turn), 0 * turn]
+    quaternion = [q + 0 * rng.normal(size=len(f)) for q in quaternion]
+    flags = [np.float64(turn > k / 2) for k in range(1, 4)]
+    motors = [1000 + 200 * np.floor(4 * turn + k) for k in range(3)]
+    names = ["acc_x", "acc_y", "acc_z", "b1", "b2", "b3", "motor_x", "motor_y", "motor_z"]
+    names += ["accFilt_x", "accFilt_y", "accFilt_z", "u", "v", "w", "c1", "c2", "c3", "c4"]
+    found, text = proposed_names(tmp_path, names, *f.T, *flags, *motors, *f.T, *unit.T, *quaternion)
+    assert found == {f"acc_{a}": f"accel_{a}_m_s2" for a in "xyz"}
+    assert "motor_x (a command, no reading)" in text
+    assert "accFilt_x (an estimate or the output of a filter, no reading)" in text
+    assert "# cannot know: what b1, b2, b3, u, v, w" in text
+
+
+def test_linear_acceleration_that_holds_gravity_is_an_accelerometer(tmp_path):
+    f = six_faces()
+    found, text = proposed_names(tmp_path, [f"lin_acc_{a}" for a in "xyz"], *f.T)
+    assert found == {f"lin_acc_{a}": f"accel_{a}_m_s2" for a in "xyz"}
+    assert "whatever its name" in text
+
+
+def test_a_tilt_sensor_on_a_dividing_head_is_one_and_the_head_is_the_table(tmp_path):
+    """Two columns of counts, one of which follows the sine of a typed angle."""
+    rng = np.random.default_rng(9)
+    angle = np.repeat(np.tile([0.0, 5, 10, 20, -5, -10, -20, 30], 4), 100)
+    x = np.round(8192 * np.sin(np.radians(angle)) + 3 * rng.normal(size=len(angle)))
+    y = np.round(60 + 3 * rng.normal(size=len(angle)))
+    found, text = proposed_names(tmp_path, ["Teilkopf [deg]", "RohX", "RohY"], angle, x, y)
+    head = {"Teilkopf [deg]": "table_outer_deg"}
+    assert found == head | {"RohX": "incl_x_LSB", "RohY": "incl_y_LSB"}
+    assert "whether it reads the tilt or its sine" in text
+    alone, text = proposed_names(tmp_path, ["temp [degC]", "RohX", "RohY"], 20 + 0 * x, x, y)
+    assert set(alone) == {"temp [degC]"}
+    assert "# cannot know: what RohX and RohY hold" in text

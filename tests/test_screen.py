@@ -6,6 +6,7 @@ import zlib
 import numpy as np
 import pytest
 from builders import ACCEL, G, setup_of
+from diagnosis_fixtures import recorded
 from examiner.case import FAULTS, MAKERS
 from examiner.judge import judged
 from logs import log_of, triad_readings
@@ -13,12 +14,19 @@ from statistics_helpers import rng_of
 
 from tiltcal.calibration.methods.north_checks import walk_density
 from tiltcal.calibration.methods.registry import calibrate
-from tiltcal.calibration.screen.columns import unit_test
+from tiltcal.calibration.screen.columns import (
+    exchanged_words,
+    order_test,
+    unit_test,
+    unit_tests,
+)
 from tiltcal.calibration.screen.data import data_tests
 from tiltcal.calibration.screen.drift import slope_test
 from tiltcal.calibration.screen.explanations import Explanation, alike, in_words
 from tiltcal.calibration.screen.outliers import outlier_tests
+from tiltcal.core.assets import folder
 from tiltcal.core.frames import sphere
+from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import find_poses
 from tiltcal.statistics.dwell_noise import left_by_rounding, noise_posterior, rounding_variance
@@ -221,3 +229,42 @@ def test_a_limiter_ahead_of_the_noise_shows_while_the_table_turns(limited):
     assert test.passed is not limited, test.statement
     assert found.verdict == ("suspect" if limited else "good")
     assert ("limiter ahead of the noise" in test.statement) is limited
+
+
+CYCLIC = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])
+"""Columns x, y, z that hold the axes z, x, y, by hand: the first responds to z, and so on."""
+
+
+def test_exchanged_columns_are_said_alike_by_the_fit_and_by_the_cause():
+    test = order_test(1.003 * CYCLIC + 0.001)
+    assert "the columns x, y, z hold the axes z, x, y:" in test.statement
+    # by the cause: axis x is in the second column, y in the third, z in the first
+    assert exchanged_words((1, 2, 0), (1, 1, 1)) == test.statement
+    assert "hold the axes z, -x, y" in exchanged_words((1, 2, 0), (-1, 1, 1))
+
+
+def test_exchanged_columns_have_the_right_unit_and_exchanged_faces_have_none():
+    (test,) = unit_tests(ACCEL, 1.02 * CYCLIC, "m_s2")
+    assert test.passed
+    (wrong,) = unit_tests(ACCEL, CYCLIC / 9.80665, "m_s2")
+    assert "look like g" in wrong.statement
+    assert unit_tests(ACCEL, np.array([[1, 0.9, 0], [0.9, 1, 0], [0, 0, 1.0]]), "m_s2") == []
+
+
+@pytest.mark.parametrize(("gain", "words"), [(2.006, "2 of what acts"), (0.5015, "1/2 of what")])
+def test_the_gain_of_another_full_scale_range_is_no_unit_that_passes(gain, words):
+    test = unit_test(ACCEL, gain, "m_s2")
+    assert not test.passed
+    assert words in test.statement
+
+
+def test_the_columns_of_an_inclinometer_in_rad_are_not_in_deg():
+    scenario = load_scenario(folder("scenarios") / "tumble_inclinometer.toml")
+    read = recorded(scenario, 1)
+    columns = {n: read.column(n) for n in read.column_names}
+    columns |= {n: np.radians(v) for n, v in columns.items() if n.startswith("incl")}
+    made = Recording.from_columns(read.time, columns, labels=read.labels, source="rad.csv")
+    found = calibrate("six_position", made, scenario)
+    (unit,) = [t for t in found.tests if t.name == "unit"]
+    assert not unit.passed
+    assert "the columns say deg, the readings look like rad" in unit.statement

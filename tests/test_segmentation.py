@@ -220,3 +220,20 @@ def test_resting_rows_of_a_readout_are_the_true_ones():
     assert resting[jet.v == 0].mean() > 0.9
     assert standstill_rows(time[:2], jet.x[:2, None]).all()
     assert setup_of("placing").rig.axis_names == ("outer",)
+
+
+@pytest.mark.parametrize("size", [0.02, 30.0])
+def test_a_readout_that_is_set_while_the_readings_go_on_parts_a_dwell(size):
+    """An angle typed in late: the readings stand still, the readout steps in one row. A step of
+    0.02 deg may be the code of a coarse encoder.
+    """
+    rng = np.random.default_rng(4)
+    angle = np.concatenate([np.zeros(200), np.linspace(0, -30, 40), np.full(400, -30.0)])
+    reading = 9.8 * np.sin(np.radians(angle)) + 1e-3 * rng.normal(size=len(angle))
+    readout = angle.copy()
+    readout[440:] += size
+    columns = {"accel_x_m_s2": reading, "table_outer_deg": readout}
+    found = dwells(find_segments(Recording.from_columns(np.arange(640) / 20, columns)))
+    assert len(found) == (3 if size > 1 else 2)
+    if size > 1:
+        assert found[1].last <= 440 <= found[2].first

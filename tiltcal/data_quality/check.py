@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 from tiltcal.core.arrays import Index
-from tiltcal.data_quality.log import CHANCE, Log
+from tiltcal.data_quality.log import Log
 
 SHOWN = 3  # rows that a statement names
 Answer = Literal["refused", "suspect", "note"]
@@ -77,8 +77,6 @@ class Check(ABC):
     """For the page of the checks: readings, stamps, angles of the table ..."""
     finds: ClassVar[str]
     """The size at which it is certain to find the fault."""
-    false_alarm: ClassVar[float] = CHANCE
-    """In a sound channel."""
     is_certain: ClassVar[bool] = False
     """Whether its repair is certain: the checks after it, and a diagnosis, see it repaired."""
     explains: ClassVar[bool] = False

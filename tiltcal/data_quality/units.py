@@ -117,7 +117,7 @@ class Circle(Check):
     name = "inclination"
     test = "unit"
     looks_at = "angles that a sensor reads"
-    finds = "one reading beyond 360 deg"
+    finds = "a fifth of the readings beyond 360 deg"
 
     def _find(self, log: Log) -> Iterator[Finding]:
         for c in log.readings:

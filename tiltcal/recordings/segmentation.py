@@ -126,13 +126,9 @@ def _settings(recording: Recording) -> Index:
             continue
         angle = recording.column(name) * COLUMN_UNITS[str(split_unit(name)[1])].factor
         rows = np.flatnonzero(~np.isnan(angle))
-        step = np.abs(np.diff(angle[rows]))
-        for k in np.flatnonzero(step > SET):
-            beside = np.concatenate(
-                [step[max(k - MIN_ROWS, 0) : k], step[k + 1 : k + 1 + MIN_ROWS]]
-            )
-            if np.all(beside < SET):
-                found.append(rows[[k + 1]])
+        turned = np.abs(np.diff(angle[rows])) > SET
+        beside = np.convolve(turned, np.ones(2 * MIN_ROWS + 1), "full")[MIN_ROWS:][: len(turned)]
+        found.append(rows[np.flatnonzero(turned & (beside < 1.5)) + 1])  # itself alone
     return np.concatenate(found)
 
 

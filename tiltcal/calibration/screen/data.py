@@ -17,6 +17,8 @@ from tiltcal.setup.sensor import Sensor
 
 GUESSES = ("cause", "unit", "columns as named", "second order")
 """Beginnings of the names of tests that infer what is wrong with the readings from a fit."""
+OF_TABLE = ("wrap",)
+"""Checks of the readout: a calibration reads an angle with or without its whole turns."""
 OF_MEANS = ("dead", "equal_columns")
 """Checks that say something of a table of means."""
 
@@ -86,11 +88,7 @@ def findings_of(recording: Recording, sensors: Sequence[Sensor]) -> list[Finding
     if isinstance(recording, MeansTable):
         every = inspect_recording(recording, there).findings
         return [f for f in every if f.kind in OF_MEANS]
-    return [f for f in inspect_recording(recording, there).findings if not _is_of_table(f)]
-
-
-def _is_of_table(finding: Finding) -> bool:
-    return finding.kind == "wrap"
+    return [f for f in inspect_recording(recording, there).findings if f.kind not in OF_TABLE]
 
 
 def _columns(

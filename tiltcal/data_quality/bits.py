@@ -45,7 +45,7 @@ class StuckBit(Check):
         for c in log.readings:
             if c.is_coarse or (c.repeats.any() and c.repeat_chance > FLAT):
                 continue
-            if (bit := stuck_bit(c.read, FINEST if c.lsb else FINEST_COMPUTED)) is not None:
+            if (bit := stuck_bit(c.sample, FINEST if c.lsb else FINEST_COMPUTED)) is not None:
                 words = (
                     f"{c.name}: the bit worth {bit:.4g} is never set: half of all codes are missing"
                 )

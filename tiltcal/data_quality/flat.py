@@ -97,13 +97,14 @@ def _frozen_runs(c: Channel) -> list[tuple[int, int]]:
     """First reading and that after the last of runs that are too long, not at an extreme; how often
     readings repeat by chance is taken from those outside the longest run.
     """
-    if not c.repeats.any():
+    again = c.repeats
+    if len(again) < SHORTEST or not _in_succession(again, SHORTEST).any():
         return []
-    first, last = runs_of(c.repeats)
+    first, last = runs_of(again)
     length = last - first
     k = int(np.argmax(length))
     others = np.concatenate([c.read[: first[k]], c.read[last[k] + 1 :]])
-    if len(others) < LEAST or length[k] < SHORTEST:
+    if len(others) < LEAST:
         return []
     usual = float(length.sum() - length[k]) / len(others)
     p = max(repeat_chance(others[: len(c.sample)]), usual, RARE)
@@ -113,6 +114,12 @@ def _frozen_runs(c: Channel) -> list[tuple[int, int]]:
     ends = (float(c.read.min()), float(c.read.max()))
     long = np.flatnonzero(length >= least)
     return [(int(first[k]), int(last[k]) + 1) for k in long if c.read[first[k]] not in ends]
+
+
+def _in_succession(mask: Mask, number: int) -> Mask:
+    """Where so many in succession are true, (m - number + 1,)."""
+    parts = (mask[k : len(mask) - number + 1 + k] for k in range(number))
+    return np.asarray(reduce(np.logical_and, parts))
 
 
 class Clipped(Emptying):
@@ -149,6 +156,8 @@ class Clipped(Emptying):
 def _limits_of(c: Channel) -> tuple[list[tuple[float, float, Mask]], float]:
     """(sign, limit, readings) of each end at which readings lie without noise, and the noise."""
     ends = (float(c.read.min()), float(c.read.max()))
+    if max(np.count_nonzero(c.read == end) for end in ends) < PILED:
+        return [], 0.0
     free = c.read[(c.read > ends[0]) & (c.read < ends[1])]
     if len(free) < LEAST or repeat_chance(free[: len(c.sample)]) > FLAT:
         return [], 0.0
@@ -156,7 +165,7 @@ def _limits_of(c: Channel) -> tuple[list[tuple[float, float, Mask]], float]:
     limits = []
     for sign in (1.0, -1.0):
         top = float((sign * c.read).max())
-        there = np.asarray(sign * c.read >= top - 1e-9 * max(abs(top), 1e-9))
+        there = np.asarray(sign * c.read == top)
         near = sign * c.read > top - NEAR * noise
         stated = c.limit is not None and abs(top) >= AT_END * c.limit
         piled = there.sum() > SHARE * near.sum() and abs(top) > AWAY * noise
@@ -244,6 +253,10 @@ def _repeated_on_all(channels: Sequence[Channel], expected: dict[str, float]) ->
     if len(channels) < 2 or max(expected.values()) > FINE:
         return None
     if not all(c.repeats.any() for c in channels):
+        return None
+    complete = all(len(c.read) == len(c.values) for c in channels)
+    together = (c.repeats for c in channels)
+    if complete and np.mean(reduce(np.logical_and, together)) <= RAREST:
         return None
     rows = np.flatnonzero(reduce(np.logical_and, (np.isfinite(c.values) for c in channels)))
     values = np.column_stack([c.values[rows] for c in channels])

@@ -7,7 +7,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.data_quality.check import Check, Emptying, Finding, in_rows, in_words
-from tiltcal.data_quality.log import FINE, Channel, Log
+from tiltcal.data_quality.log import FINE, LEAST, Channel, Log
 
 HALF_TURN = 0.5  # turns: an angle does not jump by more between two rows
 
@@ -79,16 +79,29 @@ class Equal(Check):
     finds = "two columns that are equal in all rows, and not constant"
 
     def _find(self, log: Log) -> Iterator[Finding]:
-        groups: dict[bytes, list[str]] = {}
+        groups: list[list[Channel]] = []
         for channel in log.readings:
             if channel.is_constant or len(channel.read) < 2:
                 continue
-            groups.setdefault(channel.values.tobytes(), []).append(channel.name)
-        for names in groups.values():
-            if len(names) > 1:
-                rows = log.channels[names[0]].rows
+            group = next((g for g in groups if _are_equal(g[0], channel)), None)
+            if group is None:
+                groups.append([channel])
+            else:
+                group.append(channel)
+        for group in groups:
+            if len(group) > 1:
+                names = tuple(c.name for c in group)
                 words = f"{in_words(names)} are equal in all rows: one source"
-                yield self.finding(tuple(names), rows, words)
+                yield self.finding(names, group[0].rows, words)
+
+
+def _are_equal(one: Channel, other: Channel) -> bool:
+    """Whether two channels have the same values; most differ in the first rows."""
+    beginning = slice(0, LEAST)
+    return all(
+        np.array_equal(one.values[part], other.values[part], equal_nan=True)
+        for part in (beginning, slice(None))
+    )
 
 
 class Alternating(Check):

@@ -44,6 +44,7 @@ def test_a_giant_value_is_not_echoed_whole():
     told = shortened(f"option --host: found {'h' * 100_000}, need a name of a machine")
     assert len(told) < 300
     assert told.endswith("need a name of a machine")
+    assert shortened(f"lab {'a' * 5000}: found no file").endswith("...: found no file")
 
 
 def test_a_giant_option_ends_in_one_short_message(tmp_path, capsys):

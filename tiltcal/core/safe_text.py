@@ -26,7 +26,7 @@ MOST = 4000  # of a message
 
 def shortened(text: str) -> str:
     """A message without the middle of words that fill a screen, and without an end that does."""
-    words = re.sub(rf"\S{{{WORD},}}", lambda found: f"{found[0][: WORD // 2]}...", text)
+    words = re.sub(rf"[^\s:;,]{{{WORD},}}", lambda found: f"{found[0][: WORD // 2]}...", text)
     return words if len(words) <= MOST else f"{words[:MOST]} ..."
 
 

@@ -142,7 +142,7 @@ def test_two_instruments_in_one_table_have_to_be_chosen(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "equal_stamps", "values", "shared"),
+    ("name", "equal_stamps", "values", "common"),
     [
         ("I", True, (0, 1), True),
         ("instance", False, (0, 1), True),
@@ -152,10 +152,10 @@ def test_two_instruments_in_one_table_have_to_be_chosen(tmp_path, capsys):
     ],
 )
 def test_what_alternates_is_an_instance_by_its_name_or_by_equal_stamps(
-    name, equal_stamps, values, shared, tmp_path
+    name, equal_stamps, values, common, tmp_path
 ):
     proposal = propose_mapping(two(tmp_path / "a.csv", name, equal_stamps, values))
-    assert (proposal.instance is not None) == shared
+    assert (proposal.instance is not None) == common
 
 
 def test_an_instance_that_is_not_there_is_refused(tmp_path, capsys):

@@ -126,6 +126,8 @@ def _settings(recording: Recording) -> Index:
             continue
         angle = recording.column(name) * COLUMN_UNITS[str(split_unit(name)[1])].factor
         rows = np.flatnonzero(~np.isnan(angle))
+        if len(rows) < 2:
+            continue
         turned = np.abs(np.diff(angle[rows])) > SET
         beside = np.convolve(turned, np.ones(2 * MIN_ROWS + 1), "full")[MIN_ROWS:][: len(turned)]
         found.append(rows[np.flatnonzero(turned & (beside < 1.5)) + 1])  # itself alone

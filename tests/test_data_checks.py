@@ -90,6 +90,10 @@ def sent_twice(x):
     x[again] = x[again - 1]
 
 
+def spikes(x):
+    x[[500, 900, 1800, 2100, 2900, 3500]] += 0.2  # 20 sigma
+
+
 def lacking_bit(rng):
     swing = 9.8 * np.sin(np.arange(6000) / 900) + 0.002 * rng.normal(size=6000)
     codes = np.rint(swing / 5e-4).astype(np.int64) & ~np.int64(1 << 6)
@@ -125,6 +129,7 @@ FAULTS = {
     "frozen": lambda rng: with_x(plain(rng), frozen),
     "clipped": lambda rng: with_x(plain(rng), clipped),
     "repeated": lambda rng: with_x(plain(rng), sent_twice),
+    "spikes": lambda rng: with_x(plain(rng), spikes),
     "gravity": lambda rng: in_g(*plain(rng)),
     "inclination": lambda rng: (
         np.arange(900) / 10,
@@ -218,6 +223,12 @@ def test_import_calibrate_and_diagnose_say_the_same(tmp_path, capsys):
     main(["diagnose", log, "--scenario", bench, "-o", out])
     capsys.readouterr()
     assert finding["statement"] in (tmp_path / "out" / "diagnosis.json").read_text()
+    main(["noise", log, "--json"])
+    assert [f["statement"] for f in json.loads(capsys.readouterr().out)["findings"]] == [
+        finding["statement"]
+    ]
+    main(["init", "--from", log, "-o", str(tmp_path / "new.toml"), "--latitude", "50"])
+    assert finding["statement"] in capsys.readouterr().err.replace("\n    ", " ")
 
 
 def test_a_raw_gyro_is_one_and_does_not_keep_the_accelerometer_from_being_calibrated(tmp_path):

@@ -202,8 +202,8 @@ def test_time_that_goes_back_is_mended_and_a_finding(truth, sound):
     (finding,) = found.findings
     assert (finding.effect, finding.stage, found.verdict) == (None, "data", "unlisted")
     assert finding.statement == (
-        "run.csv: 1 row(s) whose time is out of order, the first at data row 101; they are left"
-        " out."
+        "run.csv: time_s: time goes back, once, in data row 101; 1 row(s) are left out, the first"
+        " of them data row 101."
     )
     assert finding.p_value is finding.delta_bic is None
     physics = replace(finding, effect="acc_K2", names=("acc_K2",), stage="sensor")
@@ -234,7 +234,7 @@ def test_stamps_that_repeat_may_be_rounded_and_are_noted(truth, sound):
     found = diagnose(honest(truth), [with_times(sound, repeat)])
     assert (found.findings, found.verdict) == ((), "match")
     assert any(
-        "row(s) whose time repeats or is missing, the first at data row 101" in n
+        "time_s: a stamp is repeated, once, in data row 101; 1 row(s) are left out" in n
         for n in found.notes
     )
 
@@ -617,8 +617,15 @@ def test_a_channel_that_never_changes_beside_noisy_ones_is_stuck(truth, sound):
 
 
 def test_rows_left_out_of_the_pieces_of_one_recording_are_said_once():
-    pieces = [LeftOut(9, 2, 1, "a.csv"), LeftOut(700, 3, 0, "a.csv"), LeftOut(4, 1, 0, "b.csv")]
-    assert by_recording(pieces) == [LeftOut(9, 5, 1, "a.csv"), LeftOut(4, 1, 0, "b.csv")]
+    pieces = [
+        LeftOut(9, 2, 1, "a.csv", "back"),
+        LeftOut(700, 3, 0, "a.csv", "again"),
+        LeftOut(4, 1, 0, "b.csv", "again"),
+    ]
+    assert by_recording(pieces) == [
+        LeftOut(9, 5, 1, "a.csv", "back"),
+        LeftOut(4, 1, 0, "b.csv", "again"),
+    ]
 
 
 def test_recordings_that_are_labelled_otherwise_than_the_first_are_refused(truth, sound):

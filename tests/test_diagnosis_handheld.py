@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from statistics_helpers import rng_of
 
 from tiltcal.core.assets import folder
+from tiltcal.data_quality.spikes import off_neighbours
 from tiltcal.diagnosis.data.handheld_recording import (
     KEPT_AT_REST,
     condensed,
@@ -22,7 +23,6 @@ from tiltcal.diagnosis.data.handheld_recording import (
     undisturbed,
 )
 from tiltcal.diagnosis.data.observe import observe
-from tiltcal.diagnosis.data_faults.outliers import off_neighbours
 from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.curves import lags_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from diagnosis_fixtures import honest, rewritten
 
-from tiltcal.diagnosis.data_faults.outliers import off_neighbours
+from tiltcal.data_quality.spikes import off_neighbours
 from tiltcal.diagnosis.data_faults.prepare import prepare
 
 JITTER = 5e-3  # s

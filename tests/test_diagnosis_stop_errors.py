@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from scipy.stats import binom, norm
 from statistics_helpers import FALSE_ALARM, mean_band
 
-from tiltcal.diagnosis.data_faults.outliers import off_neighbours
+from tiltcal.data_quality.spikes import off_neighbours
 from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.data_faults.setting_errors import (
     Rotations,

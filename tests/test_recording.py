@@ -187,11 +187,11 @@ def test_time_that_increases_is_fine():
         (
             (0, 1, 0.98, 2),
             (
-                r"r\.csv, data row 3: found time goes back by 0\.02 s \(at 0\.98 s\), need time"
-                r" stamps that increase"
+                r"r\.csv: found time_s: time goes back, once, in data row 3, need time stamps that"
+                r" increase"
             ),
         ),
-        ((0, 1, 2, 2), r"data row 4: found a repeated time stamp, step 0 s \(at 2 s\)"),
+        ((0, 1, 2, 2), r"found time_s: a stamp is repeated, once, in data row 4"),
     ],
 )
 def test_time_that_does_not_increase_is_located(time, message):

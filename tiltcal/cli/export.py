@@ -147,6 +147,8 @@ def _of_noise(chosen: str, file: Path, topic: str, calibration: Path | None) -> 
     found = rest_noise(recording)
     for name, why in found.left_out.items():
         print_note(f"{name} is left out: {why}")
+    for finding in found.findings:
+        print_note(f"found: {finding.statement}")
     imu = imu_noise(found, recording.source)
     return kalibr_yaml(imu, topic) if chosen == "kalibr" else sdf_imu(imu, _biases(calibration))
 

@@ -12,6 +12,7 @@ from tiltcal.core.files import write_text
 from tiltcal.core.frames import normal_gravity
 from tiltcal.core.units import COLUMN_UNITS, DEG
 from tiltcal.recordings.proposal.set_up import RigGuess, SensorGuess, rig_of, sensors_of
+from tiltcal.recordings.quality import inspect_recording
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.setup.sensor import Sensor
@@ -185,6 +186,8 @@ def _from_recording(recording: Recording, latitude: float, gravity: float) -> li
     print_note(f"table {rig.table}, mount {rig.mount}: {rig.reason}")
     for s in sensors:
         print_note(f"{s.name}: {s.kind}, {s.rate_hz:.4g} Hz: {s.reason}")
+    for finding in inspect_recording(recording).findings:
+        print_note(f"found: {finding.with_repair()}")
     for doubt in (*rig.doubts, *(d for s in sensors for d in s.doubts)):
         print_note(f"cannot know: {doubt}")
     return [*_rig(rig), *(line for s in sensors for line in _sensor(s))]

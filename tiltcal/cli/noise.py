@@ -40,7 +40,8 @@ def noise(
         found = rest_noise_of(recording_file, progress)
     if as_json:
         models = {name: _as_json(model) for name, model in found.models.items()}
-        print_json({"channels": models, "left_out": found.left_out})
+        findings = [f.as_json() for f in found.findings]
+        print_json({"channels": models, "left_out": found.left_out, "findings": findings})
         return 0
     rows = [[n, *_cells(m, split_unit(n)[1] or ""), _verdict(m)] for n, m in found.models.items()]
     print_table(["channel", *TERMS, "model"], rows)
@@ -64,6 +65,8 @@ def _print_explanations(found: RestNoise) -> None:
                 f"{name}: the model does not fit: {'; '.join(model.test.reasons)}. Its coefficients"
                 " are the most that the Allan deviation allows of each alone."
             )
+    for finding in found.findings:
+        paragraph(f"found: {finding.with_repair()}")
     for name, why in found.left_out.items():
         paragraph(f"{name} is left out: {why}.")
     for note in dict.fromkeys(note for model in found.models.values() for note in model.notes):

@@ -1,7 +1,7 @@
 """A log as the checks see it: stamps and columns as they were written."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -171,12 +171,14 @@ class Log:
         channels: by the names of their columns.
         labels: of the rows, (n,); None without any.
         period: s, after which the counter of the time starts again; None: from its falls.
+        before: rows of the log before these.
     """
 
     time: Array
     channels: Mapping[str, Channel]
     labels: npt.NDArray[np.object_] | None = None
-    period: float | None = field(default=None)
+    period: float | None = None
+    before: int = 0
 
     @classmethod
     def of(

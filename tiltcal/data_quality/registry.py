@@ -9,6 +9,7 @@ from tiltcal.data_quality.bits import SignNotExtended, StuckBit
 from tiltcal.data_quality.check import Check, Finding
 from tiltcal.data_quality.flat import Clipped, Coarse, Frozen, SentTwice
 from tiltcal.data_quality.log import Log
+from tiltcal.data_quality.spikes import Spikes
 from tiltcal.data_quality.stamps import Bursts, Gaps, GoesBack, Repeats, TooCoarse, Wraps
 from tiltcal.data_quality.units import Circle, Gravity, Thermometer
 from tiltcal.data_quality.values import Alternating, AngleWraps, Constant, Equal, Missing
@@ -31,6 +32,7 @@ CHECKS: tuple[Check, ...] = (
     Frozen(),
     Clipped(),
     SentTwice(),
+    Spikes(),
     Gravity(),
     Circle(),
     Thermometer(),

@@ -30,7 +30,7 @@ class Wraps(Check):
     def _find(self, log: Log) -> Iterator[Finding]:
         wraps = wrap_mask(log.time)
         if wraps.any():
-            yield _at_steps(self, wraps, "a counter starts again from its lowest value")
+            yield _at_steps(self, log, wraps, "a counter starts again from its lowest value")
 
     def _repair(self, log: Log, findings: Sequence[Finding]) -> tuple[Log, str]:
         del findings
@@ -81,7 +81,7 @@ class GoesBack(Check):
     def _find(self, log: Log) -> Iterator[Finding]:
         back = (np.diff(log.time) < 0) & ~wrap_mask(log.time)
         if back.any():
-            yield _at_steps(self, back, "time goes back")
+            yield _at_steps(self, log, back, "time goes back")
 
     def _repair(self, log: Log, findings: Sequence[Finding]) -> tuple[Log, str]:
         del findings
@@ -149,7 +149,7 @@ class Repeats(Check):
     def _find(self, log: Log) -> Iterator[Finding]:
         again = np.diff(log.time) == 0
         if again.any() and not TooCoarse().find(log):  # to drop these would drop most rows
-            yield _at_steps(self, again, "a stamp is repeated")
+            yield _at_steps(self, log, again, "a stamp is repeated")
 
     def _repair(self, log: Log, findings: Sequence[Finding]) -> tuple[Log, str]:
         del findings
@@ -218,7 +218,15 @@ def _in_order(time: Array) -> tuple[Index, Array]:
     return order, np.diff(time[order])
 
 
-def _at_steps(check: Check, steps: Mask, words: str) -> Finding:
+def faults_of_order(time: Array, before: int = 0) -> list[Finding]:
+    """What makes stamps not increase. time: s, (n,); before: rows of the log before these."""
+    if np.all(np.diff(time) > 0):
+        return []
+    log = Log(time, {}, before=before)
+    return [f for check in (Wraps(), GoesBack(), TooCoarse(), Repeats()) for f in check.find(log)]
+
+
+def _at_steps(check: Check, log: Log, steps: Mask, words: str) -> Finding:
     """A finding at the rows after these steps, (n - 1,)."""
-    rows = np.flatnonzero(steps) + 1
+    rows = np.flatnonzero(steps) + 1 + log.before
     return check.finding(STAMPS, rows, f"time_s: {words}, {in_rows(rows)}")

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.data_quality.log import Log
 from tiltcal.data_quality.registry import Inspection, inspect_log
@@ -30,3 +32,14 @@ def inspect_recording(recording: Recording, sensors: Iterable[Sensor] | None = N
         names = read
     columns_of = {name: recording.column(name) for name in names}
     return inspect_log(Log.of(recording.time, columns_of, limits=limits))
+
+
+def with_repaired_readings(recording: Recording, inspection: Inspection) -> Recording:
+    """The recording with the readings that are repaired with certainty."""
+    before = {n: recording.column(n) for n in recording.column_names}
+    changed = {
+        name: c.values
+        for name, c in inspection.repaired.channels.items()
+        if c.is_reading and not np.array_equal(c.values, before[name], equal_nan=True)
+    }
+    return recording.rewritten(before | changed) if changed else recording

@@ -227,6 +227,18 @@ class Recording(Tabular):
         require_onward(self.time, self.source)
         return self
 
+    def rewritten(self, columns: Mapping[str, Array]) -> "Recording":
+        """A copy with these columns in place of its own, (n,) each."""
+        return Recording.from_columns(
+            self.time,
+            columns,
+            labels=self.labels,
+            extra=self.extra,
+            metadata=self.metadata,
+            source=self.source,
+            origin=self.fingerprint,
+        )
+
     def with_columns(self, columns: Mapping[str, Array]) -> "Recording":
         """A copy with further full-length columns, (n,) each."""
         more = Recording.from_columns(self.time, columns)

@@ -1,6 +1,6 @@
 """Noise of each channel in the longest standstill of a recording."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,9 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.numerical import determining
 from tiltcal.core.progress import Progress, report_pieces, silent
 from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.data_quality.check import Finding
 from tiltcal.recordings.pieces import estimated_rows, part_of, read_pieces
+from tiltcal.recordings.quality import inspect_recording, with_repaired_readings
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
@@ -33,10 +35,12 @@ class RestNoise:
     Args:
         models: column -> noise.
         left_out: column -> why it has none.
+        findings: faults of the data; a long recording is not inspected.
     """
 
     models: dict[str, StandstillNoise]
     left_out: dict[str, str]
+    findings: tuple[Finding, ...] = ()
 
 
 class _RunningNoise:
@@ -118,23 +122,32 @@ def rest_noise(recording: Recording) -> RestNoise:
         TiltcalError: there is no sensor channel, no standstill, or no noise in any channel.
     """
     names, longest = _channels(recording), _longest(recording)
+    inspection = inspect_recording(recording)
     rows = slice(longest.first, longest.last)
-    columns = {name: recording.column(name)[rows] for name in names}
+    left_out = _without_noise(_counts(recording, names, rows))
+    recording = with_repaired_readings(recording, inspection)
+    counts = _counts(recording, [n for n in names if n not in left_out], rows)
+    left_out |= _without_noise(counts)
+    columns = {name: recording.column(name)[rows] for name in counts}
     known = {name: ~np.isnan(column) for name, column in columns.items()}
     values = {name: column[known[name]] for name, column in columns.items()}
-    counts = {name: NeighbourCounts.of(each) for name, each in values.items()}
-    left_out = _without_noise(counts)
     models = {}
-    for name in [n for n in names if n not in left_out]:
+    for name in [n for n in counts if n not in left_out]:
         rate = _rate(recording.time[rows][known[name]])
         fit = partial(_noise_of, values[name], rate, counts[name])
         models[name] = _fitted(recording.source, name, fit)
-    return _require_one(recording.source, models, left_out)
+    return replace(_require_one(recording.source, models, left_out), findings=inspection.findings)
 
 
 def _noise_of(values: Array, rate_hz: float, counts: NeighbourCounts) -> StandstillNoise:
     spectrum = StandstillSpectrum.of(values, rate_hz)
     return fit_noise(spectrum, allan_deviation(values, rate_hz), counts)
+
+
+def _counts(recording: Recording, names: Sequence[str], rows: slice) -> dict[str, NeighbourCounts]:
+    """How often the readings of each column change within some rows."""
+    columns = {name: recording.column(name)[rows] for name in names}
+    return {name: NeighbourCounts.of(c[~np.isnan(c)]) for name, c in columns.items()}
 
 
 def _without_noise(counts: Mapping[str, NeighbourCounts]) -> dict[str, str]:

@@ -5,6 +5,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
+from tiltcal.data_quality.stamps import faults_of_order
 
 DECIMALS = 7  # of a second: stamps with more are as good as exact
 ORDER = 4  # of the differences by which a readout is smooth
@@ -24,7 +25,7 @@ def require_onward(time: Array, source: str, before: int = 0, last: float = -np.
         last: the stamp of the last of them, s.
 
     Raises:
-        TiltcalError: naming the first row where time does not run forward.
+        TiltcalError: naming the first rows where time does not run forward.
     """
     if not np.all(np.isfinite(time)):
         row = int(np.argmax(~np.isfinite(time)))
@@ -34,15 +35,17 @@ def require_onward(time: Array, source: str, before: int = 0, last: float = -np.
             need="finite time stamps",
             do="correct it",
         )
-    step = np.diff(time, prepend=last)
-    if np.any(step <= 0):
-        row = int(np.argmax(step <= 0))
-        what = "time goes back by" if step[row] < 0 else "a repeated time stamp, step"
+    if before:
+        time, before = np.append(last, time), before - 1
+    for fault in faults_of_order(time, before):
         raise TiltcalError(
-            f"{source}, data row {before + row + 1}",
-            found=f"{what} {abs(step[row]):.6g} s (at {time[row]:.10g} s)",
+            source,
+            found=fault.statement,
             need="time stamps that increase",
-            do="sort it or split it there; `tiltcal diagnose` reads it as it is",
+            do=(
+                f"write it anew with `tiltcal import --repair {fault.repair}`, or split it there;"
+                " `tiltcal diagnose` reads it as it is"
+            ),
         )
 
 

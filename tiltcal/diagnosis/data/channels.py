@@ -1,6 +1,6 @@
 """Single channels of a recording, in SI, and recordings with some of their values changed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -27,19 +27,6 @@ def written(recording: Recording, sensor: Sensor, axis: str) -> Array:
     return recording.column(str(recording.channel(f"{sensor.name}_{axis}")))
 
 
-def rewritten(recording: Recording, columns: Mapping[str, Array]) -> Recording:
-    """A copy with these columns in place of its own. columns: (n,) each."""
-    return Recording.from_columns(
-        recording.time,
-        columns,
-        labels=recording.labels,
-        extra=recording.extra,
-        metadata=recording.metadata,
-        source=recording.source,
-        origin=recording.fingerprint,
-    )
-
-
 def as_written(change: Array, sensor: Sensor, column: str) -> Array:
     """A change of a channel, SI, (n,), in the unit of its column."""
     unit = str(split_unit(column)[1])
@@ -59,7 +46,7 @@ def changed(
     name = str(recording.channel(f"{sensor.name}_{axis}"))
     columns = {n: recording.column(n).copy() for n in recording.column_names}
     columns[name][rows] = value
-    return rewritten(recording, columns)
+    return recording.rewritten(columns)
 
 
 def shifted(recording: Recording, sensor: Sensor, time: float, lost: int) -> Recording:
@@ -74,7 +61,7 @@ def shifted(recording: Recording, sensor: Sensor, time: float, lost: int) -> Rec
         later = values[rows[start : len(rows) - lost]].copy()
         values[rows[start : start + lost]] = np.nan
         values[rows[start + lost :]] = later
-    return rewritten(recording, columns)
+    return recording.rewritten(columns)
 
 
 def _sampled(rows: Index) -> Index:
@@ -92,7 +79,7 @@ def without_readout(recording: Recording, rows: Index) -> Recording:
     for name in columns:
         if axis_of(name) is not None:
             columns[name][rows] = np.nan
-    return rewritten(recording, columns)
+    return recording.rewritten(columns)
 
 
 def undo_labelling_faults(
@@ -117,7 +104,7 @@ def undo_labelling_faults(
             written = values if sensor.input is None else sensor.input.from_si(values)
             factor = COLUMN_UNITS[unit].factor if sensor.input is None else 1.0
             columns[name][samples.rows] = written[:, k] / factor
-        recording = rewritten(recording, columns)
+        recording = recording.rewritten(columns)
     return recording
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.data_quality.check import Finding
-from tiltcal.data_quality.log import Log
-from tiltcal.diagnosis.data.channels import rewritten
+from tiltcal.data_quality.stamps import faults_of_order
 from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.data_faults.held_readout import held_readout
 from tiltcal.diagnosis.data_faults.truncated_angles import truncated_angles
@@ -19,7 +18,7 @@ from tiltcal.effects.data.faults import DataDuplicate, DataStuck
 from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit, GyrQuantisation
 from tiltcal.effects.sensor.dynamics import AccSaturation, GyrSaturation
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.recordings.quality import inspect_recording
+from tiltcal.recordings.quality import inspect_recording, with_repaired_readings
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.samples import si_values
 from tiltcal.setup.sensor import Sensor
@@ -50,20 +49,21 @@ class LeftOut:
         row: of the file, the first; count: how many.
         out_of_order: of them those whose time is out of order, and does not only repeat.
         source: of the recording.
+        statement: of the first finding of the stamps.
     """
 
     row: int
     count: int
     out_of_order: int
     source: str
+    statement: str
 
     @property
     def words(self) -> str:
         """As a note, or what is said of a finding."""
-        what = "is out of order" if self.out_of_order else "repeats or is missing"
         return (
-            f"{self.source}: {self.count} row(s) whose time {what}, the first at data row"
-            f" {self.row}; they are left out"
+            f"{self.source}: {self.statement}; {self.count} row(s) are left out, the first of them"
+            f" data row {self.row}"
         )
 
 
@@ -92,19 +92,8 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
                 notes.append(f"{recording.source}: {finding.statement}")
             elif not {(id, fault.effect.sensor) for id in fault.ids} & known:
                 faults.append(fault)
-        repaired.append(_with_readings(recording, inspection.repaired))
+        repaired.append(with_repaired_readings(recording, inspection))
     return Inspected(tuple(repaired), tuple(once(faults)), tuple(notes), tuple(left_out))
-
-
-def _with_readings(recording: Recording, repaired: Log) -> Recording:
-    """The recording with the repaired readings of its sensors."""
-    before = {n: recording.column(n) for n in recording.column_names}
-    changed = {
-        name: c.values
-        for name, c in repaired.channels.items()
-        if c.is_reading and not np.array_equal(c.values, before[name], equal_nan=True)
-    }
-    return rewritten(recording, before | changed) if changed else recording
 
 
 def fault_of(finding: Finding, recording: Recording, sensors: Sequence[Sensor]) -> Fault | None:
@@ -228,7 +217,9 @@ def in_order(
         return recording, []
     before_it = np.maximum.accumulate(np.where(keep, time, last))
     wrong = int((~keep & np.isfinite(time) & (time != before_it)).sum())
-    rows = LeftOut(before + int(np.argmin(keep)) + 1, count, wrong, recording.source)
+    faults = faults_of_order(np.append(last, time), before - 1) if before else faults_of_order(time)
+    words = faults[0].statement if faults else "time_s: a stamp is missing"
+    rows = LeftOut(before + int(np.argmin(keep)) + 1, count, wrong, recording.source, words)
     columns = {name: recording.column(name)[keep] for name in recording.column_names}
     labels = None if recording.labels is None else recording.labels[keep]
     return Recording.from_columns(

@@ -19,7 +19,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.progress import Part, Progress, Stages
-from tiltcal.diagnosis.data.channels import as_written, rewritten, undo_labelling_faults
+from tiltcal.diagnosis.data.channels import as_written, undo_labelling_faults
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_faults.fault import Fault
@@ -236,7 +236,7 @@ class _Model:
             columns[name][channel.rows] = recording.column(name)[channel.rows] + as_written(
                 more, sensor, name
             )
-        return rewritten(recording, columns)
+        return recording.rewritten(columns)
 
 
 def _columns(recording: Recording, sensor: Sensor) -> dict[str, str]:

@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
-from tiltcal.core.quantisation import lsb_width
+from tiltcal.data_quality.spikes import GROSS, off_neighbours
 from tiltcal.diagnosis.data.channels import changed
 from tiltcal.diagnosis.data.handheld_recording import known_stops
 from tiltcal.diagnosis.data.observations import Observations
@@ -16,17 +16,10 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.data.faults import DataOutlier
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay
-from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA, second_difference_noise
 
-GROSS = 8.0  # sigma: nearer in, a heavy tail is no fault
 ENDS = 3  # samples to either side of where a stop begins or ends
 TAIL = 0.1  # share of the number between 4 and GROSS sigma that a heavy tail has beyond
 HAND_HELD_TAIL = 1.0  # the same in a hand, where no model tells a touch from noise
-STRETCH = 51  # rows whose median tells the local deviation
-BRIEF = 15  # of them, within a move
-MIN_ROWS = 32  # rows that tell one at all
-TINY = 1e-15  # of a reading, in its unit: a column without noise
-ISOLATED = 0.3  # share of its distance that its neighbours may be off as well
 
 
 def find_outliers(
@@ -97,42 +90,3 @@ def _speed(course: Replay) -> Array:
     """How fast a table turns about all its axes, rad/s, (n,)."""
     axes = course.drive(course.time).axes.values()
     return np.sqrt(sum((jet.v**2 for jet in axes), np.zeros(len(course.time))))
-
-
-def off_neighbours(values: Array, speed: Array | None = None) -> Array:
-    """Distance of each value from the median of its neighbourhood, in local standard deviations; 0
-    unless it is a single value, (n,).
-
-    Local is a stretch of rows, and where the table turns no less than the rows of like ``speed``,
-    rad/s, (n,), nor than the nearest that turn: noise may grow with the rate, and from move to
-    move, within a move that is shorter than a stretch.
-    """
-    from scipy.ndimage import median_filter
-
-    if len(values) < 2 * MIN_ROWS:
-        return np.zeros(len(values))
-    off = np.abs(values - median_filter(values, 5, mode="nearest"))
-    bent = np.zeros(len(values))  # off the cubic through two neighbours on each side
-    bent[2:-2] = values[2:-2] - (4 * (values[1:-3] + values[3:-1]) - (values[:-4] + values[4:])) / 6
-    # the crest of a quick turn is where its flanks say
-    off[2:-2] = np.minimum(off, np.abs(bent))[2:-2]
-    local = MAD_TO_SIGMA * median_filter(off, STRETCH, mode="nearest")
-    if speed is not None and (speed > 0).sum() > MIN_ROWS:
-        turning = np.flatnonzero(speed > 0)
-        alike = turning[np.argsort(speed[turning], kind="stable")]
-        for rows, width in ((alike, STRETCH), (turning, BRIEF)):
-            usual = MAD_TO_SIGMA * median_filter(off[rows], width, mode="nearest")
-            local[rows] = np.maximum(local[rows], usual)
-    beside = np.maximum(np.concatenate([[0.0], off[:-1]]), np.concatenate([off[1:], [0.0]]))
-    alone = beside < ISOLATED * off  # the corner of a move drags its neighbours along
-    # how far the neighbours are off theirs once a value is put where they say
-    mended = np.zeros(len(values))
-    mended[1:-1] = np.maximum(
-        np.abs(bent[:-2] + bent[1:-1] / 1.5), np.abs(bent[2:] + bent[1:-1] / 1.5)
-    )
-    # a knock is quick, and still some samples wide
-    alone &= mended < np.maximum(ISOLATED * off, 4 * local)
-    least = max(
-        second_difference_noise(values), lsb_width(values), TINY
-    )  # of coarse codes most differences are none
-    return np.asarray(np.where(alone, off / np.maximum(local, least), 0.0))

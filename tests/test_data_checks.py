@@ -22,7 +22,8 @@ FORCE = 9.80665 * np.array([0.3, -0.2, 0.93])
 
 
 def kinds(time, columns):
-    return [f.kind for f in inspect_log(Log.of(time, columns)).findings]
+    rates = {n: 50.0 for n in columns if n.startswith("stated_")}
+    return [f.kind for f in inspect_log(Log.of(time, columns, rates=rates)).findings]
 
 
 def test_no_check_finds_a_fault_in_sound_logs():
@@ -115,6 +116,10 @@ FAULTS = {
     "time_repeated": lambda rng: moved(plain(rng), lambda t: np.where(t == t[700], t[699], t)),
     "gap": lambda rng: moved(plain(rng), lambda t: t + 0.02 * (t > 7.0)),
     "time_bursts": lambda rng: moved(plain(rng), bursts),
+    "rate": lambda rng: (
+        plain(rng)[0] / 0.94 * 2,
+        {"stated_x_m_s2": plain(rng)[1]["accel_x_m_s2"]},
+    ),
     "missing": lambda rng: with_x(plain(rng), lambda x: x.__setitem__(700, np.nan)),
     "wrap": lambda _: (
         np.arange(900) / 10,

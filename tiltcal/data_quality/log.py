@@ -35,11 +35,13 @@ class Channel:
         name: with its unit.
         values: as written, (n,); what is not finite was not sampled.
         limit: stated end of the range of the readings, in the unit of the column; None: unknown.
+        rate_hz: that is stated; None: unknown.
     """
 
     name: str
     values: Array
     limit: float | None = None
+    rate_hz: float | None = None
 
     @cached_property
     def rows(self) -> Index:
@@ -188,6 +190,7 @@ class Log:
         *,
         labels: npt.NDArray[np.object_] | None = None,
         limits: Mapping[str, float] | None = None,
+        rates: Mapping[str, float] | None = None,
         period: float | None = None,
     ) -> "Log":
         """A log of columns.
@@ -197,10 +200,11 @@ class Log:
             columns: name with unit -> values as written, (n,) each.
             labels: of the rows, (n,).
             limits: stated end of the range by column, in its unit.
+            rates: stated sample rate by column, Hz.
             period: s, after which the counter of the time starts again.
         """
-        limits = limits or {}
-        channels = {n: Channel(n, v, limits.get(n)) for n, v in columns.items()}
+        limits, rates = limits or {}, rates or {}
+        channels = {n: Channel(n, v, limits.get(n), rates.get(n)) for n, v in columns.items()}
         return cls(time, channels, labels, period)
 
     @property

@@ -10,7 +10,7 @@ from tiltcal.data_quality.check import Check, Finding
 from tiltcal.data_quality.flat import Clipped, Coarse, Frozen, SentTwice
 from tiltcal.data_quality.log import Log
 from tiltcal.data_quality.spikes import Spikes
-from tiltcal.data_quality.stamps import Bursts, Gaps, GoesBack, Repeats, TooCoarse, Wraps
+from tiltcal.data_quality.stamps import Bursts, Gaps, GoesBack, Rate, Repeats, TooCoarse, Wraps
 from tiltcal.data_quality.units import Circle, Gravity, Thermometer
 from tiltcal.data_quality.values import Alternating, AngleWraps, Constant, Equal, Missing
 
@@ -21,6 +21,7 @@ CHECKS: tuple[Check, ...] = (
     Repeats(),
     Gaps(),
     Bursts(),
+    Rate(),
     Missing(),
     AngleWraps(),
     Constant(),

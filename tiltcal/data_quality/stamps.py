@@ -13,6 +13,7 @@ from tiltcal.data_quality.log import LEAST, Log
 STAMPS = ("time_s",)
 GAP = 2.5  # usual steps: one missing sample makes two, and jitter of a quarter stays below it
 EVEN = 0.05  # of a unit: stamps that are whole units of it, and their share, are off by less
+CLOCK = 0.05  # of the rate: no clock of an instrument is off by as much, a wrong setting by more
 HELD = 3.0  # rows a stamp, at least, of stamps that are too coarse for their rows
 BURST = 4.0  # usual steps in a mean one, at least, where rows arrive in bursts
 
@@ -208,6 +209,26 @@ class Bursts(Check):
             f" mean rate is {1 / mean:.6g} Hz"
         )
         yield self.finding(STAMPS, np.sort(order[1:][ends]), words)
+
+
+class Rate(Check):
+    """Stamps that run faster or slower than the stated sample rate."""
+
+    name = "rate"
+    test = "rate as stated"
+    answer = "note"
+    looks_at = "stamps of readings whose rate is stated"
+    finds = "a rate 5 % off the stated one"
+
+    def _find(self, log: Log) -> Iterator[Finding]:
+        for name, channels in log.sensors.items():
+            stated, rows = channels[0].rate_hz, channels[0].rows
+            step = float(np.median(np.diff(log.time[rows]))) if len(rows) > LEAST else 0.0
+            if stated is None or step <= 0 or abs(1 / step / stated - 1) < CLOCK:
+                continue
+            words = f"{name}: {1 / step:.6g} Hz by the stamps, {stated:g} Hz stated"
+            columns = tuple(c.name for c in channels)
+            yield self.finding(columns, rows[:1], words)
 
 
 def _in_order(time: Array) -> tuple[Index, Array]:

@@ -20,6 +20,7 @@ def inspect_recording(recording: Recording, sensors: Iterable[Sensor] | None = N
     """
     names = recording.column_names
     limits: dict[str, float] = {}
+    rates: dict[str, float] = {}
     if sensors is not None:
         read = [n for n in names if not is_reading(n)]
         for sensor in sensors:
@@ -28,10 +29,11 @@ def inspect_recording(recording: Recording, sensors: Iterable[Sensor] | None = N
             limit = sensor.converter.limit if sensor.converter is not None else sensor.full_scale
             if limit is not None and sensor.input is None:
                 limits |= {n: limit / COLUMN_UNITS[str(split_unit(n)[1])].factor for n in own}
+            rates |= dict.fromkeys(own, sensor.rate_hz)
             read += own
         names = read
     columns_of = {name: recording.column(name) for name in names}
-    return inspect_log(Log.of(recording.time, columns_of, limits=limits))
+    return inspect_log(Log.of(recording.time, columns_of, limits=limits, rates=rates))
 
 
 def with_repaired_readings(recording: Recording, inspection: Inspection) -> Recording:

@@ -223,7 +223,8 @@ def turn_tests(log: FieldLog) -> list[Test]:
     for axis, angle in zip(AXES, log.angles(), strict=True):
         words = f"turned {angle / DEG:.0f} deg about {axis}"
         if angle < FULL_TURN:
-            words += f", need 360 deg: turn again about {axis}"
+            words += f", {(FULL_TURN - angle) / DEG:.2g} deg short of a full turn: turn again"
+            words += f" about {axis}"
         name = f"turned about {axis}"
         tests.append(threshold_test(name, angle / DEG, angle >= FULL_TURN, words))
     return tests

@@ -50,7 +50,7 @@ def dwell_angles(poses: Poses, recording: Recording) -> Array:
     if len(poses) < 2 or spread < LEAST_SPREAD:
         raise TiltcalError(
             recording.source,
-            found=f"{len(poses)} dwell(s) within {spread / DEG:.3g} deg",
+            found=f"{len(poses)} dwell(s), all at one angle of the table",
             need="two positions half a turn apart",
             do="turn the table by 180 deg and record again",
         )

@@ -14,6 +14,7 @@ from tiltcal.core.units import DEG
 from tiltcal.recordings.references import NO_REFERENCES, References
 from tiltcal.statistics.least_squares import Fit, linear_fit
 
+STEP = 0.05  # deg, of the angles that are tried for a position that disagrees
 MOVED = 1e-4  # significance of a base that moves during a dwell, over all dwells and channels
 
 
@@ -135,16 +136,15 @@ def _wrong_angle(r: Reversal, rest: Fit, k: int) -> str:
     the others.
     """
     seen = r.values[k] - rest.values[2:]
-    trial = np.arange(-180.0, 180.0, 0.05) * DEG
+    trial = np.arange(-180.0, 180.0, STEP) * DEG
     east, north = rest.values[:2]
     cos, sin = np.cos(trial), np.sin(trial)
     turned = r.mount.T[:2, :2] @ np.array([cos * east + sin * north, cos * north - sin * east])
     left = np.linalg.norm(seen[:, None] - turned, axis=0)
-    angle = float(trial[int(np.argmin(left))]) / DEG
-    return (
-        f"position {k + 1} disagrees with the others: it reads as {angle:.4g} deg, not"
-        f" {r.angles[k] / DEG:.4g}; repeat it"
-    )
+    angle = float(trial[int(np.argmin(left))])
+    off = float(np.angle(np.exp(1j * (angle - r.angles[k])))) / DEG
+    what = f"it fits {off:+.2f} deg off its angle" if abs(off) > STEP else "not by its angle"
+    return f"position {k + 1} disagrees with the others, {what}; repeat it"
 
 
 def still_test(halves: Array, sigma: Array) -> Test:

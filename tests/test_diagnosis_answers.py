@@ -363,7 +363,7 @@ def test_nothing_tested_comes_before_any_finding():
 def test_what_is_more_probable_than_not_stands_in_the_statement_beside_what_is_found(cancelling):
     _, found, both, _, answer, _ = cancelling
     perhaps = Hypothesis(CATALOGUE["acc_K3"]({"k3_x": 1e-4}, "accel", None, "found"), ("k3_x",))
-    said = replace(said_of(found, both), doubts=(Doubt(perhaps, 0.83),))
+    said = replace(said_of(found, both), doubts=(Doubt(perhaps, 0.83, None, 0.0),))
     doubtful, _ = answered(found, said)
     assert doubtful.verdict == answer.verdict == "explained"
     assert doubtful.statement.startswith(answer.statement)

@@ -213,7 +213,7 @@ def test_a_noise_model_from_outside_is_reported_by_its_own_amplitudes():
     found = diagnose(honest(truth), [recorded(truth, 4)], noise=AutoRegressive2)
     assert found.verdict == "match"
     for channel in found.to_json()["noise"]["channels"].values():
-        assert set(channel) == {"white", "share_of_residual", "depends_on"}
+        assert set(channel) == {"white", "share_of_residual", "may_be", "depends_on"}
         assert channel["white"]["low"] < WHITE < channel["white"]["high"] * 1.05
 
 
@@ -234,7 +234,7 @@ def test_what_is_not_probable_enough_to_be_claimed_is_a_doubt():
         SlowVariation("fog", ("a",), None, 15.0, False, False, 0.97),
         SlowVariation("gyro", ("x",), None, 90.0, False, False, 0.9999),
     )
-    said = SimpleNamespace(slow=slow, bands=(), tones=(), motions=())
+    said = SimpleNamespace(slow=slow, bands=(), tones=(), motions=(), in_noise=())
     (finding,) = nameless_findings(said)
     assert finding.axes == ("x",)
     ((words, chance),) = nameless_doubts(said)

@@ -395,6 +395,7 @@ def _noise(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "interval": "" if a.low is None else f"{a.low:.3g} to {a.high:.3g}",
             "unit": c.units[kind],
             "share": f"{100 * c.share:.1f} %",
+            "may_be": ", ".join(f"{id} ({p:.2f})" for id, p in c.may_be.items()),
         }
         for name, c in diagnosis.noise.channels.items()
         for kind, a in c.amplitudes.items()

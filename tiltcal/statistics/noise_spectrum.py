@@ -247,6 +247,16 @@ class NoiseFit:
         S = self.model.density(1 / self.bins.inverse) / self.bins.scale
         return float(self.bins.weight @ np.log(S) + (self.bins.power / S).sum())
 
+    @property
+    def slow_gain(self) -> float:
+        """By how much the model explains the spectrum better than white noise does, nats."""
+        bins = self.bins
+        if not len(bins.weight):
+            return 0.0
+        weight = float(bins.weight.sum())
+        white = weight * (np.log(float(bins.power.sum()) / weight) + 1)
+        return float(white - self.deviance) / 2
+
     def bounds(self, drop: float = CONFIDENCE) -> tuple[NoiseModel, NoiseModel]:
         """The noisiest models that the record allows: the deviance rises by ``drop``."""
         if not len(self.bins.weight):

@@ -18,6 +18,7 @@ from tiltcal.diagnosis.conclusions.other_findings import (
     nameless_findings,
     repeated_stamps,
     rows_out_of_order,
+    slow_doubts,
 )
 from tiltcal.diagnosis.conclusions.residual_plots import spectra_of, views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
@@ -97,7 +98,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     doubt = _doubts_of(said, () if findings else untested_of(observations, prepared.start.rank))
     verdict = verdict_of(findings, tested := last.chi2_per_dof is not None, bool(doubt))
     fits = noise_source.noise(fitted, whitened)
-    noise = noise_report(observations, left, fits, noise_source.words)
+    noise = noise_report(observations, left, fits, noise_source.words, said.in_noise)
     rig, samples = observations.scenario.rig, observations.samples
     reason = " ".join(doubt) if tested else untold(rig, samples, fitted.rank)
     told = summary(findings, verdict, reason, first, last, noise)
@@ -122,8 +123,10 @@ def _doubts_of(said: Explained, untested: Sequence[str]) -> list[str]:
     """What is more probable than not, and not probable enough to be claimed, and what was not
     tested; nothing without.
     """
-    causes = [(law_name(d.law.effect), d.probability) for d in said.doubts]
-    told = [*causes, *nameless_doubts(said)]
+    named = {slow.law.effect.id for slow in said.in_noise}
+    doubts = (d for d in said.doubts if d.law.effect.id not in named)
+    causes = [(law_name(d.law.effect), d.probability) for d in doubts]
+    told = [*causes, *nameless_doubts(said), *slow_doubts(said)]
     return [*([doubted(told)] if told else []), *untested]
 
 

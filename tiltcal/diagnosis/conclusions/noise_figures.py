@@ -18,6 +18,7 @@ from tiltcal.core.units import G0
 from tiltcal.diagnosis.conclusions.residual_plots import unit_of
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.finding_tests import ALPHA, log_tail
+from tiltcal.diagnosis.search.slow_laws import SlowLaw
 from tiltcal.effects import CATALOGUE, Parameter
 from tiltcal.effects.sensor.noise import Noise
 from tiltcal.statistics.noise_spectrum import Amplitude, NoiseFit, NoiseModel
@@ -132,6 +133,7 @@ class ChannelNoise:
         share: of the energy of the residual that is not white.
         slow: energy of the residual that is not white, in units of the white variance; energy: of
             all of it; walk: the part of the former that is a random walk, from 0 to 1.
+        may_be: ids of the laws that the slow noise may be, each with its probability.
     """
 
     amplitudes: Mapping[str, Amplitude]
@@ -141,6 +143,7 @@ class ChannelNoise:
     energy: float
     walk: float
     depends: tuple[NoiseDependence, ...] = ()
+    may_be: Mapping[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -149,6 +152,7 @@ class ChannelNoise:
             for name, a in self.amplitudes.items()
         }
         found["share_of_residual"] = self.share
+        found["may_be"] = [{"effect": id, "probability": p} for id, p in self.may_be.items()]
         return found | {"depends_on": [d.to_json() for d in self.depends]}
 
 
@@ -187,9 +191,30 @@ class NoiseReport:
         named = f" (mostly {kind})" if kind in kinds else ""
         return f"{100 * share:.0f} % of what is left is slow noise{named}"
 
+    @property
+    def may_be(self) -> str:
+        """What slow noise may be instead, and what would tell; empty without any."""
+        laws: dict[tuple[tuple[str, float], ...], list[str]] = {}
+        for name, channel in self.channels.items():
+            if channel.may_be:
+                laws.setdefault(tuple(channel.may_be.items()), []).append(name)
+        told = [
+            f"The slow noise of {', '.join(names)} may be "
+            + " or ".join(f"{CATALOGUE[id].title} ({id}, probability {p:.2f})" for id, p in each)
+            for each, names in laws.items()
+        ]
+        if not told:
+            return ""
+        ask = "record once at rest for as long (--static), or the same course twice"
+        return f"{'. '.join(told)}: {ask}."
+
 
 def noise_report(
-    observations: Observations, residuals: Sequence[Array], fits: Sequence[NoiseFit], source: str
+    observations: Observations,
+    residuals: Sequence[Array],
+    fits: Sequence[NoiseFit],
+    source: str,
+    in_noise: Sequence[SlowLaw] = (),
 ) -> NoiseReport:
     """The noise of each channel as it was fitted.
 
@@ -198,16 +223,19 @@ def noise_report(
         residuals: of each channel, SI, (n,).
         fits: of each channel.
         source: where they were taken from.
+        in_noise: laws that slow noise may be.
     """
     found: dict[str, ChannelNoise] = {}
     notes: list[str] = []
     depends = noise_dependences(observations, residuals, [f.model for f in fits])
-    for channel, r, fit, own in zip(observations.channels, residuals, fits, depends, strict=True):
+    together = zip(observations.channels, residuals, fits, depends, strict=True)
+    for number, (channel, r, fit, own) in enumerate(together):
         name = f"{channel.sensor}_{channel.axis}"
         if channel.recording:
             name = f"{name}_recording_{channel.recording + 1}"
         noise = _channel_noise(channel, observations, channel.waves(r), fit)
-        found[name] = replace(noise, depends=own)
+        may_be = {s.law.effect.id: s.probability for s in in_noise if number in s.channels}
+        found[name] = replace(noise, depends=own, may_be=may_be)
         notes += [d.words(channel) for d in own[:1]]
     return NoiseReport(source, found, tuple(notes))
 

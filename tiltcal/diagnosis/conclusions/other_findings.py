@@ -18,7 +18,7 @@ from tiltcal.diagnosis.residual_checks.oscillations import MovingTone, NarrowBan
 from tiltcal.diagnosis.residual_checks.random_motion import RandomMotion
 from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation
 from tiltcal.diagnosis.search.candidates import CREDIBLE
-from tiltcal.diagnosis.search.explained import CLAIM, Explained
+from tiltcal.diagnosis.search.explained import CLAIM, DOUBTED, Explained
 from tiltcal.effects.parameter import by_name
 from tiltcal.setup.sensor import Sensor
 
@@ -83,6 +83,18 @@ def nameless_findings(said: Explained) -> list[Finding]:
     return [f for chance, f in _all_of(said) if chance >= CLAIM]
 
 
+def slow_doubts(said: Explained) -> list[tuple[str, float]]:
+    """Channels whose slow noise is more probably one of some laws than noise, in words, each with
+    the probability.
+    """
+    found: dict[str, float] = {}
+    for number, channel in enumerate(said.whitened.observations.channels):
+        laws = [law for law in said.in_noise if number in law.channels]
+        if (chance := sum(law.probability for law in laws)) > DOUBTED:
+            found[f"a law in the slow noise of {channel.sensor} {channel.axis}"] = chance
+    return list(found.items())
+
+
 def nameless_doubts(said: Explained) -> list[tuple[str, float]]:
     """Those that are not probable enough to be claimed: what they are, and their probabilities."""
     doubted = ((chance, f.statement.rstrip(".")) for chance, f in _all_of(said) if chance < CLAIM)
@@ -91,21 +103,26 @@ def nameless_doubts(said: Explained) -> list[tuple[str, float]]:
 
 def _all_of(said: Explained) -> Iterator[tuple[float, Finding]]:
     """Every one with its probability."""
-    yield from ((one.probability, _slow(one)) for one in said.slow)
+    hiding = [said.whitened.observations.channels[i] for law in said.in_noise for i in law.channels]
+    for one in said.slow:
+        lawful = any(c.sensor == one.sensor and c.axis in one.axes for c in hiding)
+        yield one.probability, _slow(one, lawful)
     yield from _oscillations(said.bands, said.tones)
     yield from ((one.probability, _random(one)) for one in said.motions)
 
 
-def _slow(slow: SlowVariation) -> Finding:
+def _slow(slow: SlowVariation, lawful: bool) -> Finding:
+    """As a finding; lawful: whether listed laws explain it as well as noise does."""
     others = "the other recordings" if slow.whole else f"the other axes of {slow.sensor}"
     beside = others if slow.beside_others else "a consumer-grade sensor"
     place = f" in {slow.recording}" if slow.recording else ""
+    but = "" if lawful else " that no listed effect explains"
     found = _nameless(
         (slow.sensor,),
         slow.axes,
         slow.probability,
-        f"Slow variation of {slow.sensor} {', '.join(slow.axes)}{place} that no listed effect"
-        f" explains: {slow.times:.0f} times the slow noise of {beside}.",
+        f"Slow variation of {slow.sensor} {', '.join(slow.axes)}{place}{but}:"
+        f" {slow.times:.0f} times the slow noise of {beside}.",
         step_for_one(slow.recording)
         if slow.recording
         else "record the instrument at rest for as long, to see whether it varies without motion",

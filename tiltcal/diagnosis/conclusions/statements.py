@@ -294,8 +294,10 @@ def summary(
     """
     told = " ".join(f.statement for f in findings)
     if verdict == "cannot_tell" or before is None or after is None or noise is None:
-        return f"{told} {reason}".strip()
-    left = f"{after.chi2_per_dof:.4g} of the sensors' white noise; {noise.words}."
+        rest = [told, reason, noise.may_be if noise else ""]
+        return " ".join(words for words in rest if words)
+    what = f"{noise.words}. {noise.may_be}".rstrip()
+    left = f"{after.chi2_per_dof:.4g} of the sensors' white noise; {what}"
     if verdict == "match":
         return (
             "The recording agrees with the scenario: nothing is significant beyond its noise"

@@ -18,6 +18,7 @@ from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation
 from tiltcal.diagnosis.residual_checks.varying_noise import VaryingNoise
 from tiltcal.diagnosis.search.candidates import Names
 from tiltcal.diagnosis.search.possible_sizes import possible
+from tiltcal.diagnosis.search.slow_laws import SlowLaw
 from tiltcal.diagnosis.search.state import Doubt, State, laws, refitted, repriced, without
 
 
@@ -37,6 +38,7 @@ class Explained:
             found.
         motions: at random, more probably than not, and where nothing else was found.
         doubts: causes that the noise may be instead.
+        in_noise: laws that the slow noise of some channels may be.
     """
 
     fitted: FittedModel
@@ -51,6 +53,7 @@ class Explained:
     varying: tuple[VaryingNoise, ...] = ()
     motions: tuple[RandomMotion, ...] = ()
     doubts: tuple[Doubt, ...] = ()
+    in_noise: tuple[SlowLaw, ...] = ()
 
 
 CLAIM = 0.99
@@ -85,13 +88,14 @@ def select_claims(
     costs = {kept: model.cost for kept, model in models.items()}
     chance = {cause: probability_of(cause, costs) for cause in every}
     claimed = frozenset(cause for cause in every if chance[cause] >= CLAIM)
-    doubts = [
-        Doubt(law, chance[cause])
-        for cause, law in enumerate(laws(state.fitted))
-        if DOUBTED < chance[cause] < CLAIM
-    ]
     if claimed not in models:
         claimed, models[claimed] = _without(state, every, every - claimed, noise_source)
+    doubts = []
+    for cause, law in enumerate(laws(state.fitted)):
+        if DOUBTED < chance[cause] < CLAIM:
+            others = every - claimed - {cause}
+            _, model = _without(state, every, others, noise_source) if others else (every, state)
+            doubts.append(Doubt(law, chance[cause], model, model.cost - models[claimed].cost))
     return models[claimed], tuple(chance[cause] for cause in sorted(claimed)), tuple(doubts)
 
 

@@ -21,13 +21,21 @@ def proposals(state: State, scan: Scan) -> list[Proposal]:
     return state.proposals[scan]
 
 
-def looked_at(state: State, scan: Scan) -> list[Proposal]:
-    """The hypotheses of the largest evidence, with sizes that cannot be among them."""
+def looked_at(state: State, scan: Scan, *, listed_only: bool = False) -> list[Proposal]:
+    """The hypotheses of the largest evidence, with sizes that cannot be among them.
+
+    Args:
+        state: the model.
+        scan: under its noise.
+        listed_only: whether curves are left out.
+    """
     fitted, whitened = state.fitted, state.whitened
     score = scan.log_bayes_factors(fitted) + scan.log_odds
     seen: dict[object, int] = {}
     for k in np.argsort(-score):
         hypothesis = whitened.hypotheses[k]
+        if listed_only and not hypothesis.listed:
+            continue
         place = (hypothesis.place, hypothesis.alias) if hypothesis.listed else kind(hypothesis)
         seen.setdefault((place, 0 if hypothesis.listed else len(hypothesis.names)), int(k))
         if len(seen) == LOOKED_AT:

@@ -76,10 +76,14 @@ class Doubt:
 
     Args:
         law: the cause; probability: that it is there.
+        model: the causes that are claimed and this one; more: what it costs more than these alone,
+            nats.
     """
 
     law: Hypothesis
     probability: float
+    model: State
+    more: float
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ from tiltcal.diagnosis.search.model_search import iterate_to_convergence, most_p
 from tiltcal.diagnosis.search.names import named, without_misfits
 from tiltcal.diagnosis.search.random_settings import beside_random_settings, is_systematic_error
 from tiltcal.diagnosis.search.scan import Scan
+from tiltcal.diagnosis.search.slow_laws import slow_laws
 from tiltcal.diagnosis.search.state import laws
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.effects.table.readout import SettingScatter
@@ -95,6 +96,7 @@ def search_for_causes(
         *(((), (), ()) if held or doubts else _in_the_noise(left, fitted, floors)),
         () if held or random_faults or _knows_settings(start) else _motions(left, fitted, floors),
         doubts,
+        slow_laws(state, noise_source, doubts),
     )
 
 

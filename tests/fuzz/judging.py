@@ -170,7 +170,7 @@ def verdict(
         return "partial output", f"{command} {left}"
     if ending.status not in ((130,) if ending.overdue else (0, 1, 2)):
         return "status", f"{command} {ending.status}"
-    if ending.status == 2 and command != "prove" and not one_message(ending):
+    if ending.status == 2 and not one_message(ending):
         return "message", f"{command} {ending.err.splitlines()[-1:]}"
     if control := CONTROL.search(seen(case, ending)):
         return "control characters", f"{command} {control.group()!r} {case.changed}"

@@ -13,6 +13,7 @@ In a run by time steps a joint has the drive and the servo that the model gives 
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -92,12 +93,14 @@ def _require_few(root: Element, name: str, times: int = 1) -> None:
         TiltcalError: there are more than bodies are taken.
     """
     for element in root:
-        count = element.get("count", "1") if element.tag in COPIES else "1"
-        copies = times * (int(count) if count.isdigit() else 1)
+        copies = times
+        if element.tag in COPIES:
+            with suppress(ValueError):  # what is no number MuJoCo refuses itself
+                copies *= int(element.get("count", "1"))
         if copies > MOST_BODIES:
             raise TiltcalError(
                 f"model {name}, element {element.tag}",
-                found=f"{copies:.3g} copies",
+                found=f"more than {MOST_BODIES} copies",
                 need=f"at most {MOST_BODIES}",
                 do="leave out what does not carry the instrument",
             )

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from tiltcal.core.errors import TiltcalError
+from tiltcal.core.errors import TiltcalError, shown
 from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.cells import (
     EMPTY_TEXTS,
@@ -298,7 +298,7 @@ def bad_cell(texts: Raw, source: str, decimal: str) -> TiltcalError:
     )
     return TiltcalError(
         f"foreign recording {source}, data line {number}",
-        found=f"the text '{cell.strip()}'",
+        found=f"the text {shown(cell.strip())}",
         need="a number",
         do="correct that cell, or set header or skip_lines in the mapping",
     )

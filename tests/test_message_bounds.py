@@ -113,3 +113,19 @@ def test_readings_whose_powers_are_no_numbers_do_not_count_at_rest(rng):
     values = rng.standard_normal((200, 3))
     values[::50] = 1e308
     assert windows_of(values, 10.0).noise < 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("rate_deg_s = 90", "rate_deg_s = 1e-308", "found work of inf rows"),
+        ("gravity_m_s2 = 9.80123", "gravity_m_s2 = 1e300", "site.gravity_m_s2"),
+    ],
+)
+def test_a_scenario_that_no_recording_can_be_of_is_refused(old, new, said, tmp_path, capsys):
+    assert old in BENCH_SCENARIO
+    (tmp_path / "bench.toml").write_text(BENCH_SCENARIO.replace(old, new))
+    assert main(["simulate", str(tmp_path / "bench.toml"), "-o", str(tmp_path / "out.csv")]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert "TRACEBACK" not in told

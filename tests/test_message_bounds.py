@@ -29,6 +29,9 @@ def test_a_few_copies_are_taken(tmp_path):
     check_files(tmp_path / "arm.xml", tmp_path)
     (tmp_path / "arm.xml").write_text(ARM.format(outer="\u00b2", inner="9" * 5000))
     check_files(tmp_path / "arm.xml", tmp_path)  # no numbers: MuJoCo says so
+    deep = "<body>" * 5000 + "</body>" * 5000
+    (tmp_path / "arm.xml").write_text(f"<mujoco><worldbody>{deep}</worldbody></mujoco>")
+    check_files(tmp_path / "arm.xml", tmp_path)
 
 
 def test_a_level_that_stands_twice_is_named():

@@ -14,7 +14,13 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import step_hypotheses
 from tiltcal.diagnosis.hypotheses.instants import Instant
-from tiltcal.diagnosis.lines.transients import ResidualCourse, _chosen, _powers, transients
+from tiltcal.diagnosis.lines.transients import (
+    ResidualCourse,
+    _chosen,
+    _courses,
+    _powers,
+    transients,
+)
 from tiltcal.diagnosis.search.scan import Scan
 
 WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample, m/s2
@@ -67,6 +73,13 @@ def test_gross_values_side_by_side_are_no_transient(rng):
     (power,) = _powers(dct(left, norm="ortho"), np.ones(2000), time, [course])
     assert power[450:550].max() < 8.0
     assert power[1500] == pytest.approx(4 * (15 / 2 + 5 / 3), rel=0.2)
+
+
+def test_a_pause_of_days_holds_none():
+    """Transients as long as a share of it would be longer than all samples."""
+    time = np.arange(512) / 8
+    paused = time + 2.0**20 * (time > 30)
+    assert _courses(paused) == _courses(time) != []
 
 
 def told(hypotheses, instants):

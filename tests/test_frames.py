@@ -293,6 +293,14 @@ def test_angles_between_vectors_are_accurate_when_small_and_when_opposite():
     np.testing.assert_allclose(frames.angle_between(a, b), [1e-9, np.pi, np.pi / 2], rtol=1e-14)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [5e-324, 1e-200, 1.0, 3.7, 1e200, 1e308])
+def test_a_direction_has_no_length(size):
+    assert frames.unit((0.0, -size, 0.0)).tolist() == [0, -1, 0]
+    if size > 1e-300:
+        assert frames.unit((3e-3 * size, 0.0, 4e-3 * size)) == pytest.approx([0.6, 0, 0.8])
+
+
 def test_the_sphere_is_covered_evenly():
     points = frames.sphere(400)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0)

@@ -9,10 +9,11 @@ import pytest
 
 from tiltcal.cli import main
 from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.foreign_files import import_recording
 from tiltcal.recordings.formats.bad_lines import find_bad_lines
 from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.registry import read_raw
-from tiltcal.recordings.mapping import FileLayout
+from tiltcal.recordings.mapping import FileLayout, Mapping
 
 N = 50
 AT_ONCE = 5.0  # s; a loop would take for ever
@@ -112,3 +113,20 @@ def test_more_lines_to_skip_than_there_are_are_refused(skip, tmp_path):
     with pytest.raises(TiltcalError, match=f"found 3 lines, need more than the {skip} of skip"):
         read_raw(tmp_path / "a.csv", FileLayout(skip_lines=skip))
     assert len(read_raw(tmp_path / "a.csv", FileLayout(skip_lines=1, header=False)).tables[0]) == 2
+
+
+@pytest.mark.usefixtures("at_once")
+def test_a_line_of_a_million_cells_is_refused_before_it_is_read(tmp_path):
+    """Each of its columns would take some 18 kB."""
+    (tmp_path / "log.txt").write_text(f"x,y\n{'1,' * 10**6}1\n1,2\n")
+    with pytest.raises(TiltcalError, match="found 1000001 columns, need at most 4096"):
+        read_raw(tmp_path / "log.txt", FileLayout(header=True))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_reading_that_its_scale_makes_too_large_is_named(tmp_path):
+    (tmp_path / "log.txt").write_text("x\n1\n-1e308\n2\n")
+    column = {"from": "x", "to": "accel_x_g", "scale": 3.0}
+    table = {"file": {"header": True}, "time": {"rate_hz": 10}, "column": [column]}
+    with pytest.raises(TiltcalError, match=r"column x, data row 2: found -1e\+308"):
+        import_recording(tmp_path / "log.txt", Mapping.model_validate(table))

@@ -4,10 +4,12 @@ import pytest
 from scenario_files import BENCH_SCENARIO
 
 from tiltcal.cli import _unexpected, main
-from tiltcal.core.errors import TiltcalError
+from tiltcal.core.errors import MOST_FOUND, TiltcalError
 from tiltcal.core.safe_text import shortened
+from tiltcal.recordings.proposal.rests import windows_of
 from tiltcal.setup.chain import Link
 from tiltcal.validation.campaign.factors import Factor
+from tiltcal.validation.campaign.folder import Shard
 from tiltsim.model_reader import MOST_BODIES, check_files
 
 ARM = """<mujoco><worldbody><body><joint name="lift"/><geom size="1"/>
@@ -15,7 +17,7 @@ ARM = """<mujoco><worldbody><body><joint name="lift"/><geom size="1"/>
 <geom size="1"/></replicate></replicate></body></worldbody></mujoco>"""
 
 
-@pytest.mark.parametrize(("outer", "inner"), [(10**9, 1), (1000, 1000)])
+@pytest.mark.parametrize(("outer", "inner"), [(10**9, 1), (1000, 1000), (" +999999 ", 1)])
 def test_copies_without_end_are_refused_before_mujoco_makes_them(outer, inner, tmp_path):
     (tmp_path / "arm.xml").write_text(ARM.format(outer=outer, inner=inner))
     with pytest.raises(TiltcalError, match=rf"copies, need at most {MOST_BODIES}"):
@@ -24,6 +26,11 @@ def test_copies_without_end_are_refused_before_mujoco_makes_them(outer, inner, t
 
 def test_a_few_copies_are_taken(tmp_path):
     (tmp_path / "arm.xml").write_text(ARM.format(outer=20, inner=20))
+    check_files(tmp_path / "arm.xml", tmp_path)
+    (tmp_path / "arm.xml").write_text(ARM.format(outer="\u00b2", inner="9" * 5000))
+    check_files(tmp_path / "arm.xml", tmp_path)  # no numbers: MuJoCo says so
+    deep = "<body>" * 5000 + "</body>" * 5000
+    (tmp_path / "arm.xml").write_text(f"<mujoco><worldbody>{deep}</worldbody></mujoco>")
     check_files(tmp_path / "arm.xml", tmp_path)
 
 
@@ -52,3 +59,76 @@ def test_a_giant_option_ends_in_one_short_message(tmp_path, capsys):
     words = ["simulate", str(tmp_path / "bench.toml"), "--seed", "1", "-o", "x" * 90_000]
     assert main(words) == 2
     assert len(capsys.readouterr().err) < 1000
+
+
+def test_a_cell_that_never_ends_leaves_what_to_do_in_sight(tmp_path, capsys):
+    """A quote that is not closed takes the rest of the file into its cell."""
+    rows = "".join(f"{k / 10},0.1,9.8\n" for k in range(1000))
+    (tmp_path / "still.csv").write_text(f'time_s,accel_x_g,accel_z_g\n0,0.1,"{rows}')
+    assert main(["noise", str(tmp_path / "still.csv")]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert told.endswith("need a number or an empty cell; correct or empty that cell\n")
+
+
+def test_of_all_that_was_found_a_message_tells_as_much_as_leaves_the_rest_in_sight():
+    told = str(TiltcalError("map", found="word " * 10_000, need="less", do="cut it"))
+    assert len(told) < 2 * MOST_FOUND
+    assert told.endswith("..., need less; cut it")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["serve", "bench.toml", "--host", "h" * 300],
+        ["serve", "bench.toml", "--udp", "a..b:5"],
+        ["serve", "bench.toml", "--udp", "127.0.0.1:\u00b2"],
+        ["record", "127.0.0.1:" + "9" * 5000, "sequence.csv", "out.csv"],
+    ],
+)
+def test_names_and_numbers_that_none_can_be_are_refused(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bench.toml").write_text(BENCH_SCENARIO)
+    (tmp_path / "sequence.csv").write_text("step,action,outer_deg,dwell_s\n1,move,15,1\n")
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert "internal" not in told
+    assert len(told) < 400
+
+
+@pytest.mark.parametrize("text", ["1/" + "9" * 5000, "\u00b2/\u00b2", "1/2/3", "3/2", "0/1", ""])
+def test_a_part_of_a_campaign_is_a_whole_number_of_them(text):
+    with pytest.raises(TiltcalError, match="need i/n with i from 1 to n"):
+        Shard.of(text)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [1e-202, 1e-160])
+def test_readings_whose_powers_vanish_have_no_noise(size, tmp_path, capsys, rng):
+    rows = "".join(f"{k / 10},{x}\n" for k, x in enumerate(size * rng.standard_normal(200)))
+    (tmp_path / "still.csv").write_text(f"time_s,accel_x_g\n{rows}")
+    assert main(["noise", str(tmp_path / "still.csv")]) == 2
+    assert "its reading never changes" in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("error")
+def test_readings_whose_powers_are_no_numbers_do_not_count_at_rest(rng):
+    values = rng.standard_normal((200, 3))
+    values[::50] = 1e308
+    assert windows_of(values, 10.0).noise < 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("rate_deg_s = 90", "rate_deg_s = 1e-308", "found work of inf rows"),
+        ("gravity_m_s2 = 9.80123", "gravity_m_s2 = 1e300", "site.gravity_m_s2"),
+    ],
+)
+def test_a_scenario_that_no_recording_can_be_of_is_refused(old, new, said, tmp_path, capsys):
+    assert old in BENCH_SCENARIO
+    (tmp_path / "bench.toml").write_text(BENCH_SCENARIO.replace(old, new))
+    assert main(["simulate", str(tmp_path / "bench.toml"), "-o", str(tmp_path / "out.csv")]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert "TRACEBACK" not in told

@@ -13,6 +13,7 @@ from tiltcal.calibration.methods.norm_model import names_of
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_up, sphere
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import find_segments
 from tiltcal.validation.accuracy import normalised_error
 
@@ -48,6 +49,18 @@ def test_exact_readings_give_exact_parameters_with_both_names_of_each_cross_term
     assert found.value("accel.cross_yx") == found.value("accel.cross_xy")
     assert found.dof == 16 - 9
     assert found.verdict == "good"
+
+
+def test_a_temperature_that_was_never_read_is_not_stated(tmp_path):
+    recording = log()
+    named = {n: recording.column(n) for n in recording.column_names}
+    found = []
+    for value in (np.nan, 23.0):
+        columns = named | {"temperature_degC": np.full(len(recording), value)}
+        found.append(calibrate("norm", Recording.from_columns(recording.time, columns), SETUP))
+        found[-1].save(tmp_path / "CAL.json")
+    assert "temperature_degC" not in found[0].provenance
+    assert found[1].provenance["temperature_degC"] == 23
 
 
 @pytest.mark.parametrize("sign", [1, -1])

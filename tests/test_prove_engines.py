@@ -110,9 +110,17 @@ def test_what_does_not_go_together_is_said(fake, capfd):
         (["--engine", "cloud"], "need processes, dask or dask://HOST:PORT"),
         (["--engine", "dask://127.0.0.1:1"], "need a folder that all workers share"),
         (["-j", "0"], "option -j: found 0"),
+        (["--shard", "9" * 5000], "argument --shard: found 999"),
+        (["--diagnoser", '"a'], "No closing quotation"),
+        (["--diagnoser", ""], "argument --diagnoser: no command"),
+        (["--kinds", "any"], "argument --kinds: invalid choice: 'any'"),
+        (["--investigate"], "argument --kinds: invalid choice: 'six_faces'"),
+        (["--n", "0"], "0 is not from 1 to 100000"),
     ):
         assert main(["prove", *NULLS[:4], "--diagnoser", fake, *words]) == 2
-        assert said in capfd.readouterr().err
+        told = capfd.readouterr().err
+        assert said in told
+        assert told.count("\n") == 1
 
 
 def test_an_interrupt_ends_the_diagnoser_with_the_trials(here):

@@ -10,7 +10,13 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.segmentation import dwells, find_segments, majority, standstill_rows
+from tiltcal.recordings.segmentation import (
+    can_show_standstill,
+    dwells,
+    find_segments,
+    majority,
+    standstill_rows,
+)
 
 DWELL = 5.0  # s
 POSES = {
@@ -220,6 +226,14 @@ def test_resting_rows_of_a_readout_are_the_true_ones():
     assert resting[jet.v == 0].mean() > 0.9
     assert standstill_rows(time[:2], jet.x[:2, None]).all()
     assert setup_of("placing").rig.axis_names == ("outer",)
+
+
+def test_stamps_that_all_repeat_show_no_motion():
+    time, angles = np.repeat(np.arange(4.0), 20), np.zeros((80, 1))
+    angles[40:] = 1.0
+    assert not can_show_standstill(time)
+    with pytest.raises(TiltcalError, match="more than one window"):
+        standstill_rows(time, angles)
 
 
 @pytest.mark.parametrize("size", [0.02, 30.0])

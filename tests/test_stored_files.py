@@ -59,6 +59,12 @@ def test_a_sound_calibration_reads_and_so_does_a_singular_covariance():
         (CAL | {"parameters": {"a.b": {"value": float("inf")}}}, "parameters.a.b.value: found inf"),
         (CAL | {"parameters": {"a.b": {"value": 1, "sigma": -1}}}, "sigma: found -1"),
         (CAL | {"parameters": {"a.b": {"value": 10**400}}}, "thousands of digits|value"),
+        (CAL | {"parameters": {"a.b": {"value": -1e300}}}, "parameters.a.b.value: found -1e"),
+        (CAL | {"parameters": {"a.b": {"value": 1, "sigma": 1e300}}}, "sigma: found 1e"),
+        (
+            CAL | {"bias_tables": {"a.y": [{"angle_deg": 0, "value": 1e300, "unit": "m_s2"}]}},
+            "bias_tables.a.y.1.value: found 1e",
+        ),
         (CAL | {"poses": [{"start_s": 0}]}, "no key 'end_s'"),
         (CAL | {"lookup": "nearest"}, "lookup: found 'nearest'"),
         (CAL | {"warnings": "none"}, "warnings: found 'none'"),
@@ -82,6 +88,8 @@ FINDING = {"effect": "a", "class": ["a", "b"], "next_measurement": ""}
         (DIAGNOSIS | {"findings": [{"effect": "a"}]}, "findings.1: found no key 'class'"),
         (DIAGNOSIS | {"findings": [FINDING | {"effect": "c"}]}, "a class that its effect is in"),
         (DIAGNOSIS | {"recordings": [1]}, "recordings.1: found 1"),
+        (DIAGNOSIS | {"undetectable": ["acc_bias"]}, "undetectable.1: found 'acc_bias'"),
+        (DIAGNOSIS | {"undetectable": [{"effect": None}]}, "undetectable.1.effect: found None"),
     ],
 )
 def test_a_damaged_diagnosis_is_refused_by_its_key(table, words, tmp_path):

@@ -13,6 +13,7 @@ In a run by time steps a joint has the drive and the servo that the model gives 
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -85,23 +86,28 @@ def check_files(main: Path, folder: Path) -> None:
                         require_inside(folder, target, name)
 
 
-def _require_few(root: Element, name: str, times: int = 1) -> None:
+def _require_few(root: Element, name: str) -> None:
     """Refuse copies in copies that MuJoCo would make without end.
 
     Raises:
         TiltcalError: there are more than bodies are taken.
     """
-    for element in root:
-        count = element.get("count", "1") if element.tag in COPIES else "1"
-        copies = times * (int(count) if count.isdigit() else 1)
-        if copies > MOST_BODIES:
-            raise TiltcalError(
-                f"model {name}, element {element.tag}",
-                found=f"{copies:.3g} copies",
-                need=f"at most {MOST_BODIES}",
-                do="leave out what does not carry the instrument",
-            )
-        _require_few(element, name, copies)
+    waiting = [(root, 1)]
+    while waiting:
+        above, times = waiting.pop()
+        for element in above:
+            copies = times
+            if element.tag in COPIES:
+                with suppress(ValueError):  # what is no number MuJoCo refuses itself
+                    copies *= int(element.get("count", "1"))
+            if copies > MOST_BODIES:
+                raise TiltcalError(
+                    f"model {name}, element {element.tag}",
+                    found=f"more than {MOST_BODIES} copies",
+                    need=f"at most {MOST_BODIES}",
+                    do="leave out what does not carry the instrument",
+                )
+            waiting.append((element, copies))
 
 
 def _named(root: Element) -> Iterator[tuple[str, str]]:

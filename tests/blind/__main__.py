@@ -2,7 +2,6 @@
 folder's parent on the path.
 """
 
-import argparse
 import json
 import shlex
 import sys
@@ -16,7 +15,7 @@ from blind.catalogue import AUTHORS
 from blind.plans import BENCHMARK_SEED, benchmark, plan
 from blind.reliability import reliability
 from blind.reliability import show as show_reliability
-from blind.spread import Count, Spread, in_processes, shard
+from blind.spread import Count, Parser, Spread, command, in_processes, shard
 from blind.table import lines, show
 from blind.trial import trial
 
@@ -35,8 +34,8 @@ def main(arguments: Sequence[str] | None = None, spread: Spread | None = None) -
     first, step = args.shard
     jobs = jobs[first - 1 :: step]
     seed = BENCHMARK_SEED if args.benchmark else args.seed
-    command = shlex.split(args.diagnoser)
-    calls = [(folder, j.kind, j.type_, j.k, seed, command, args.time_limit, j.author) for j in jobs]
+    said, limit = args.diagnoser, args.time_limit
+    calls = [(folder, j.kind, j.type_, j.k, seed, said, limit, j.author) for j in jobs]
     results = []
     count = Count(len(jobs))
     try:
@@ -92,8 +91,8 @@ def _tell(r: dict[str, Any], count: str) -> None:
     )
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="blind", description=__doc__)
+def _parser() -> Parser:
+    parser = Parser(prog="blind", description=__doc__)
     parser.add_argument("--n", type=int, default=5)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     parser.add_argument("--types", nargs="+", choices=TYPES, default=TYPES)
@@ -101,7 +100,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("-j", "--jobs", type=int, default=1)
     parser.add_argument("--authors", nargs="+", choices=AUTHORS, default=AUTHORS)
     parser.add_argument("--benchmark", action="store_true")
-    parser.add_argument("--diagnoser", default=f"{shlex.quote(sys.executable)} -m tiltcal")
+    python = f"{shlex.quote(sys.executable)} -m tiltcal"
+    parser.add_argument("--diagnoser", type=command, default=python)
     parser.add_argument("--time-limit", type=float, default=300.0)
     parser.add_argument("--shard", type=shard, default=(1, 1))
     parser.add_argument("-o", "--output")

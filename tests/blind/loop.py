@@ -4,7 +4,6 @@ concealed table behind a command.
 ``python -m blind.loop --n 10 --command tiltcal -o DIR`` with this folder's parent on the path.
 """
 
-import argparse
 import json
 import os
 import secrets
@@ -22,7 +21,7 @@ from blind.judge import TWINS
 from blind.lab import KINDS, write_case
 from blind.motion import Plan
 from blind.rotations import DEG
-from blind.spread import Count, Spread, in_processes, shard
+from blind.spread import Count, Parser, Spread, command, in_processes, shard
 from blind.table import wilson
 from blind.trial import _run
 
@@ -156,10 +155,9 @@ def main(arguments: Sequence[str] | None = None, spread: Spread | None = None) -
     seed = secrets.randbelow(2**31) if args.seed is None else args.seed
     folder = Path(args.output or tempfile.mkdtemp(prefix="blind-loop-"))
     print(f"seed {seed}, files in {folder}", file=sys.stderr, flush=True)
-    command = shlex.split(args.command)
     first, step = args.shard
     calls = [
-        (folder, kind, seed, k, command, args.time_limit)
+        (folder, kind, seed, k, args.command, args.time_limit)
         for k in range(args.n)
         for kind in args.kinds
     ][first - 1 :: step]
@@ -185,13 +183,14 @@ def main(arguments: Sequence[str] | None = None, spread: Spread | None = None) -
     return int(any(not r["verdicts"] for r in results))
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="blind.loop", description=__doc__)
+def _parser() -> Parser:
+    parser = Parser(prog="blind.loop", description=__doc__)
     parser.add_argument("--n", type=int, default=5, help="cases of each kind")
     parser.add_argument("--seed", type=int, default=None)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     parser.add_argument("-j", "--jobs", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--command", default=f"{shlex.quote(sys.executable)} -m tiltcal")
+    python = f"{shlex.quote(sys.executable)} -m tiltcal"
+    parser.add_argument("--command", type=command, default=python)
     parser.add_argument("--time-limit", type=float, default=1800.0)
     parser.add_argument("--shard", type=shard, default=(1, 1))
     parser.add_argument("-o", "--output")

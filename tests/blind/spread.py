@@ -1,10 +1,12 @@
 """Trials over processes of this machine, or over whatever the caller spreads them."""
 
 import argparse
+import re
+import shlex
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from typing import Any
+from typing import Any, NoReturn
 
 Call = tuple[Any, ...]
 Spread = Callable[[Callable[..., Any], Sequence[Call]], Iterator[Any]]
@@ -42,9 +44,33 @@ def in_processes(jobs: int) -> Spread:
     return spread
 
 
+class Parser(argparse.ArgumentParser):
+    """Ends with its message instead of printing it, so that a caller can say it in its own form."""
+
+    def error(self, message: str) -> NoReturn:
+        """End the program.
+
+        Raises:
+            SystemExit: always, with the message.
+        """
+        raise SystemExit(message)
+
+
+def command(text: str) -> list[str]:
+    """The words of a command, as a shell would take them apart."""
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r}: {error}") from error
+    if not words:
+        raise argparse.ArgumentTypeError("no command")
+    return words
+
+
 def shard(words: str) -> tuple[int, int]:
     """``i/n``: every n-th trial, from the i-th on."""
     first, _, step = words.partition("/")
-    if not (first.isdecimal() and step.isdecimal() and 1 <= int(first) <= int(step)):
+    whole = re.fullmatch("[0-9]{1,9}/[0-9]{1,9}", words)
+    if not (whole and 1 <= int(first) <= int(step)):
         raise argparse.ArgumentTypeError(f"found {words}, need i/n with i from 1 to n")
     return int(first), int(step)

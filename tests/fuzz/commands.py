@@ -48,6 +48,7 @@ LOOKED = (
 RESUME = "investigate --scenario @bench.toml --lab true --resume -o looked"
 SHARD = ("shard/results.journal", "shard/results.campaign.json")
 SPLIT = "design --split @found/diagnosis.json --scenario @bench.toml --recordings @bench.csv"
+LOGS = ("h5", "tdms", "bag", "ulg", "mat", "npz", "mcap", "txt")
 LINES = (
     Line("simulate @bench.toml -o out.csv --truth truth.json", 6),
     Line("simulate @bench.toml -o out.npz --noise off --seed 3", 2),
@@ -101,6 +102,29 @@ LINES = (
     ),
     Line("merge shard -o out", 0.5, SHARD),
     Line("prove --kinds none --n 1", 0.05),
+    *(Line(f"import @log.{ending} --propose -o out.toml", 1) for ending in LOGS),
+    Line("import @log4.mat --propose", 1),
+    Line("import @log.h5 --map @h5.toml -o out.csv", 2),
+    Line("import @sysid.yaml --scenario @found/amended.toml -o out.toml", 2),
+    Line("compare @CAL.json @LATER.json -o out", 3),
+    Line("combine @CAL.json @LATER.json -o OUT.json", 3),
+    Line("certificate @CAL.json -o out.html --dcc out.xml --date 2026-11-23", 3),
+    Line("export @CAL.json -o out.h --vectors vectors.csv", 2),
+    Line("export @CAL.json --format px4 -o out.params", 1),
+    Line("export @CAL.json --format ardupilot -o out.param", 1),
+    Line("export @still.csv --format kalibr -o out.yaml", 1),
+    Line("export @still.csv --format sdf --calibration @CAL.json -o out.sdf", 1),
+    Line("export @found/amended.toml -o out.yaml", 1),
+    Line("export @bench.csv -o out.mcap", 1),
+    Line("correct @found/amended.toml @bench.csv -o out.csv", 2),
+    Line("check @found/amended.toml @bench.csv --scenario @bench.toml", 1),
+    Line("estimate @bench.csv --scenario @bench.toml --estimator accelerometer -o out.csv", 1),
+    Line("view @bench.toml -o out.html", 1),
+    Line("view @bench.csv --scenario @bench.toml -o out.html", 1),
+    Line("view @plan/design.toml -o out.html", 1),
+    Line("lab @bench.toml @plan/steps.csv out.csv", 1),
+    Line("simulate @arm.toml -o out.csv", 5, ("arm.xml",)),
+    Line("view @arm.toml -o out.html", 1, ("arm.xml",)),
     Line("methods", 0.2),
     Line("completion bash", 0.2),
 )

@@ -7,9 +7,12 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import tomli_w
+from scipy.io import savemat
 
 from tests.scenario_files import BENCH_SCENARIO
+from tests.test_formats import FORCE, TIME, hdf5, ros1_bag, tdms, ulog_bytes
 from tiltcal.cli import main
 from tiltcal.core.assets import folder
 from tiltcal.laboratory.scenario import load_scenario
@@ -47,6 +50,32 @@ field = "effect.acc_bias.bias_x_ug"
 start = 0
 stop = 100
 count = 2
+"""
+ARM = """\
+schema = 1
+name = "arm"
+seed = 1
+[site]
+gravity_m_s2 = 9.8
+[rig]
+mjcf = "arm.xml"
+site = "tool"
+[rig.axes]
+pan = "pan"
+lift = "lift"
+[[sensor]]
+name = "accel"
+kind = "accelerometer"
+rate_hz = 10
+[[sequence]]
+action = "move"
+pan_deg = 20
+lift_deg = -30
+dwell_s = 3
+[[effect]]
+id = "joint_axis_tilt"
+axis = "lift"
+tilt_x_arcsec = 40
 """
 SEQUENCE = """\
 step,action,outer_deg,inner_deg,rate_deg_s,dwell_s,mount,label
@@ -102,6 +131,8 @@ def make_originals(place: Path) -> dict[str, bytes]:
         Path("own.py").write_text(OWN_METHOD)
         Path("still.csv").write_text(first_rows("bench.csv", 40))
         investigation()
+        foreign_logs()
+        own_arm()
         require(quietly("campaign", "campaign.toml", "-o", "shard"), "campaign")
     return {
         str(p.relative_to(place)): p.read_bytes() for p in sorted(place.rglob("*")) if p.is_file()
@@ -139,6 +170,30 @@ def investigation() -> None:
     state = json.loads(Path("looked/investigation.json").read_text())
     state["given"] = ["bench.csv"]
     Path("looked/investigation.json").write_text(json.dumps(state))
+
+
+def foreign_logs() -> None:
+    """Logs of other programs, and another calibration of the same instrument."""
+    hdf5(Path("log.h5"), False)
+    tdms(Path("log.tdms"))
+    ros1_bag(Path("log.bag"))
+    Path("log.ulg").write_bytes(ulog_bytes())
+    savemat("log.mat", {"t": TIME, "acc": FORCE})
+    savemat("log4.mat", {"t": TIME, "acc": FORCE}, format="4")
+    np.savez("log.npz", t=TIME, acc=FORCE)
+    require(quietly("export", "bench.csv", "-o", "log.mcap"), "mcap")
+    require(quietly("import", "log.h5", "--propose", "-o", "h5.toml"), "h5.toml")
+    Path("LATER.json").write_bytes(Path("CAL.json").read_bytes())
+    require(quietly("export", "found/amended.toml", "-o", "sysid.yaml"), "sysid")
+    words = "design bench.toml --terms bias --budget-s 60 -o plan"
+    require(quietly(*words.split()), "design")
+
+
+def own_arm() -> None:
+    """A scenario on a model of one's own."""
+    Path("arm.xml").write_bytes((folder("scenarios") / "arm" / "arm.xml").read_bytes())
+    Path("arm.toml").write_text(ARM)
+    require(quietly("simulate", "arm.toml", "-o", "arm.csv"), "arm")
 
 
 def first_rows(name: str, count: int) -> str:

@@ -18,7 +18,8 @@ from tiltcal.cli.commands import COMMANDS
 
 Make = Callable[[int], Case]
 """A case by its number."""
-MEMORY = 2 << 30
+MEMORY = 3 << 30
+"""Bytes: the 2 GiB that a command may take, and its libraries."""
 TOGETHER = 200
 
 

@@ -1,5 +1,6 @@
 """Mutations of text files: of CSV cells, columns and rows, and of bytes."""
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -209,3 +210,46 @@ def mutated_bytes(content: bytes, rng: np.random.Generator) -> bytes:
     if kind == 4:
         return content + content[at:]
     return [b"", b"\n", b"\x00" * 1000, b"{}", b"[]", b"null", b"# only: words\n"][rng.integers(7)]
+
+
+NUMBERS = ("", "nan", "inf", "1e300", "-1", "0", "0 0 0", "1e-300 0 0", "9" * 30, "x", "../x")
+WRAPS = (
+    '<replicate count="100000">{}</replicate>',
+    '<replicate count="1000"><replicate count=" 1000 ">{}</replicate></replicate>',
+    "<body>" * 3000 + "{}" + "</body>" * 3000,
+    '<include file="arm.xml"/>{}',
+    '<composite type="grid" count="3000 3000 1" spacing="1"/>{}',
+    '<flexcomp name="f" type="grid" count="900 900 900" spacing="1 1 1" mass="1"/>{}',
+)
+BOMB = "<!DOCTYPE m [<!ENTITY a0 'x'>{}]>\n<mujoco>&a20;</mujoco>".format(
+    "".join(f"<!ENTITY a{k + 1} '{f'&a{k};' * 10}'>" for k in range(20))
+)
+BEFORE = (
+    '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>',
+    '<asset><texture type="2d" builtin="flat" width="90000" height="90000"/></asset>',
+    '<size memory="900G"/>',
+    '<size nuserdata="2000000000"/>',
+    '<option timestep="0"/>',
+)
+
+
+def mutated_xml(content: bytes, rng: np.random.Generator) -> bytes:
+    """A model with odd values, elements taken away, copied, or much too many."""
+    text, kind = content.decode(), rng.integers(6)
+    lines = text.splitlines()
+    k = int(rng.integers(len(lines)))
+    if kind < 2:
+        return re.sub(r'(?<==")[^"]*', lambda m: odd_number(m[0], rng), text).encode()
+    if kind == 2:
+        return "\n".join(lines[:k] + lines[k + 1 :] * int(rng.integers(1, 3))).encode()
+    if kind == 3:
+        wrap = WRAPS[rng.integers(len(WRAPS))]
+        return re.sub(r"<geom[^>]*>", lambda m: wrap.format(m[0]), text, count=1).encode()
+    if kind == 4:
+        return text.replace("<worldbody", f"{BEFORE[rng.integers(len(BEFORE))]}<worldbody").encode()
+    return BOMB.encode()
+
+
+def odd_number(value: str, rng: np.random.Generator) -> str:
+    """A value of an attribute, now and then another."""
+    return NUMBERS[rng.integers(len(NUMBERS))] if rng.random() < 0.05 else value

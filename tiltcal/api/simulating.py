@@ -14,6 +14,7 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.tables import Table
 
+MOST_ROWS = 1e15  # of which progress is told
 STAGES = ("environment", "table", "mount")  # of the effects that change the true attitude
 
 
@@ -79,7 +80,8 @@ def _rows_of(scenario: Scenario) -> int:
     if not scenario.sequence or scenario.dynamics is not None:
         return 0
     start, end = scenario.schedule.times
-    return int((end - start) * max((s.rate_hz for s in scenario.sensor), default=0.0))
+    rows = (end - start) * max((s.rate_hz for s in scenario.sensor), default=0.0)
+    return int(min(rows, MOST_ROWS))
 
 
 def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:

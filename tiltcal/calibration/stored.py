@@ -7,16 +7,18 @@ from pydantic import Field, model_validator
 
 from tiltcal.core.read_back import Finite, Stored
 
-LARGEST = 1e30  # of a sigma: its powers are still numbers
+LARGEST = 1e30  # of an estimate and its sigma: their powers are still numbers
+Size = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Sigma = Annotated[float, Field(ge=0, le=LARGEST)]
 ROUNDING = 1e-6  # of a covariance that was written as text, against its own scale
 
 
 class StoredEstimate(Stored):
     """A parameter with its standard uncertainty."""
 
-    value: Finite
+    value: Size
     """Estimate, in its unit."""
-    sigma: Annotated[float, Field(ge=0)] = 0.0
+    sigma: Sigma = 0.0
     """Standard uncertainty, in the same unit."""
     unit: str = ""
     """SI, `1`, or the unit of the effect."""
@@ -92,9 +94,9 @@ class StoredEntry(Stored):
 
     angle_deg: Annotated[float, Field(ge=-360, le=360)]
     """Placing angle, the readout of the table's outer axis, deg."""
-    value: Finite
+    value: Size
     """Bias there, in its unit."""
-    sigma: Annotated[float, Field(ge=0)] = 0.0
+    sigma: Sigma = 0.0
     """Standard uncertainty, in the same unit."""
     unit: str
     """Unit of the bias."""
@@ -105,21 +107,21 @@ class StoredReference(Stored):
 
     name: str
     """What it is, as text."""
-    size: Finite
+    size: Size
     """As stated, in its unit, with its distribution."""
     unit: str = ""
     """Unit of the size."""
     distribution: str = "normal"
     """What the size is: a standard uncertainty, a half-width, or U at k = 2."""
-    standard: Annotated[float, Field(ge=0)]
+    standard: Sigma
     """Standard uncertainty, in its unit."""
     assumed: bool = False
     """It stands in the budget only, not in the covariance."""
     at_stops: bool = False
     """It is another error at each stop."""
-    contributions: dict[str, Annotated[float, Field(ge=0)]] = {}
+    contributions: dict[str, Sigma] = {}
     """Standard uncertainty that it contributes to each parameter, in the parameter's unit."""
-    posterior: tuple[Finite, Annotated[float, Field(ge=0)]] | None = None
+    posterior: tuple[Size, Sigma] | None = None
     """Its error by the recording and the uncertainty of that, in its unit, where it was fitted."""
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from tiltcal.cli.options import SEED, SEVERAL, WHOLE, EngineName, Jobs, Json
+from tiltcal.cli.options import SEED, SEVERAL, WHOLE, EngineName, Jobs, Json, between
 from tiltcal.core.assets import checkout_folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.tasks.engines import ADDRESS, open_engine
@@ -21,7 +21,9 @@ from tiltcal.core.tasks.run_tasks import values_as_made
 
 def prove(
     *,
-    n: Annotated[int, WHOLE, Parameter(help="Trials of each type.")] = 5,
+    n: Annotated[
+        int, WHOLE, Parameter(help="Trials of each type.", validator=between(1, 100_000))
+    ] = 5,
     kinds: Annotated[
         tuple[str, ...], SEVERAL, Parameter(help="Kinds of set-up; all seven by default.")
     ] = (),
@@ -102,12 +104,12 @@ def prove(
     arguments += ["--json"] if as_json else []
     if investigate:
         _refuse_besides({"--types": types, "--authors": authors, "--benchmark": benchmark})
-        arguments += ["--command", diagnoser] if diagnoser else []
+        arguments += [f"--command={diagnoser}"] if diagnoser is not None else []
         return _run("blind.loop", arguments, tests, engine, jobs)
     arguments += ["--types", *types] if types else []
     arguments += ["--authors", *authors] if authors else []
     arguments += ["--benchmark"] if benchmark else []
-    arguments += ["--diagnoser", diagnoser] if diagnoser else []
+    arguments += [f"--diagnoser={diagnoser}"] if diagnoser is not None else []
     return _run("blind.__main__", arguments, tests, engine, jobs)
 
 
@@ -140,7 +142,11 @@ def _refuse_besides(options: dict[str, Any]) -> None:
 
 
 def _run(module: str, arguments: Sequence[str], tests: Path, engine: str, jobs: int) -> int:
-    """Run a program of the trials, its calls spread over an engine; the exit status."""
+    """Run a program of the trials, its calls spread over an engine; the exit status.
+
+    Raises:
+        TiltcalError: the program does not know an option's value.
+    """
     with _importable(tests), open_engine(engine, jobs) as opened:
         program: Any = importlib.import_module(module)
 
@@ -149,8 +155,13 @@ def _run(module: str, arguments: Sequence[str], tests: Path, engine: str, jobs: 
 
         try:
             status: int = program.main(arguments, spread)
-        except SystemExit as error:  # of its argument parser, which has printed the cause
-            return int(error.code or 0)
+        except SystemExit as error:  # of its argument parser, with the cause
+            raise TiltcalError(
+                "command line of `tiltcal prove`",
+                found=f"{error.code}",
+                need="values that the blind trials know",
+                do="`tiltcal prove --help` explains them",
+            ) from error
         return status
 
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import re
 import signal
 import sys
 from typing import Annotated, Any, Literal
@@ -11,7 +12,7 @@ from cyclopts import Parameter
 from tiltcal.api.simulating import seed_used, simulator
 from tiltcal.cli.options import SEED, WHOLE, Json, ScenarioFile, between
 from tiltcal.cli.output import print_json, print_line
-from tiltcal.core.errors import TiltcalError
+from tiltcal.core.errors import TiltcalError, shown
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario
@@ -19,6 +20,7 @@ from tiltcal.laboratory.serve.rate_table import MechanicalLaboratory, RateTable
 from tiltcal.laboratory.serve.server import Server, Wires
 
 PORT = Parameter(converter=WHOLE.converter, validator=between(0, 65535))
+PORT_NUMBER = re.compile("[0-9]{1,5}")
 
 
 def serve(
@@ -60,7 +62,8 @@ def serve(
     if scenario.dynamics is not None and isinstance(laboratory, MechanicalLaboratory):
         mechanics = laboratory.mechanics(scenario)
     table = RateTable(scenario, used, mover, mechanics)
-    wires = Wires(host, port, stream_port, None if udp is None else address(udp), pty, speed)
+    listener = None if udp is None else address(udp)
+    wires = Wires(host_of(host), port, stream_port, listener, pty, speed)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         came = asyncio.run(_serve(Server(table, wires), as_json))
@@ -108,8 +111,26 @@ def address(text: str) -> tuple[str, int]:
         TiltcalError: it is not of that form.
     """
     host, _, port = text.rpartition(":")
-    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+    if not host or not PORT_NUMBER.fullmatch(port) or not 0 < int(port) < 65536:
         raise TiltcalError(
             "address", found=f"'{text}'", need="HOST:PORT, such as 127.0.0.1:5025", do="correct it"
         )
-    return host, int(port)
+    return host_of(host), int(port)
+
+
+def host_of(text: str) -> str:
+    """The name or the number of a machine.
+
+    Raises:
+        TiltcalError: no machine can have that name.
+    """
+    try:
+        text.encode("idna")
+    except UnicodeError as error:
+        raise TiltcalError(
+            "host",
+            found=shown(text),
+            need="a name or an address, such as 127.0.0.1",
+            do="correct it",
+        ) from error
+    return text

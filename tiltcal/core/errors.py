@@ -3,6 +3,8 @@
 from collections.abc import Callable, Collection
 from typing import Any
 
+MOST_FOUND = 2000  # characters of what was found: need and do stay in sight
+
 
 class TiltcalError(Exception):
     """Unusable input. The message names the subject, what was found, what is needed and what to do.
@@ -15,6 +17,7 @@ class TiltcalError(Exception):
     """
 
     def __init__(self, subject: str, *, found: str, need: str, do: str) -> None:
+        found = found if len(found) <= MOST_FOUND else f"{found[:MOST_FOUND]} ..."
         self.subject, self.found, self.need, self.do = subject, found, need, do
         super().__init__(f"{subject}: found {found or 'nothing'}, need {need}; {do}")
 

@@ -229,6 +229,7 @@ def sphere(n: int) -> Array:
 def unit(v: Sequence[float] | Array) -> Array:
     """``v`` divided by its length. v: (3,)."""
     w = np.asarray(v, dtype=float)
+    w = np.ldexp(w, -np.frexp(np.abs(w).max())[1])  # exact, and its square is a number
     return np.asarray(w / np.linalg.norm(w))
 
 

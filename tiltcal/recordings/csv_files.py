@@ -11,7 +11,7 @@ from typing import IO, Any
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.errors import TiltcalError
+from tiltcal.core.errors import TiltcalError, shown
 from tiltcal.core.safe_text import cell_of, comment_of, text_of
 from tiltcal.core.units import split_unit
 from tiltcal.recordings.arrow_columns import arrow_table, to_numpy
@@ -183,7 +183,7 @@ def _first_bad_line(path: Path, names: list[str], skip: int, reason: str) -> Til
                 if is_number(name) and cell.strip() and not _reads_as_number(cell):
                     return TiltcalError(
                         f"recording {path.name}, line {number}, column {name}",
-                        found=f"the text '{cell}'",
+                        found=f"the text {shown(cell)}",
                         need="a number or an empty cell",
                         do="correct or empty that cell",
                     )

@@ -222,14 +222,30 @@ def _part(
             labels = np.array([None if t is None else str(t) for t in raw], dtype=object)
         else:
             values, repaired = _numbers(raw, c.to, file.source, mapping)
-            columns[c.to] = _scaled(values, c)
+            columns[c.to] = _scaled(values, c, file.source)
             repairs += repaired
     return _Part(time, zero, columns, labels, tuple(repairs))
 
 
-def _scaled(values: Array, column: ColumnMapping) -> Array:
-    scaled = values if column.scale == 1.0 else column.scale * values
-    return scaled + column.offset if column.offset else scaled
+def _scaled(values: Array, column: ColumnMapping, source: str) -> Array:
+    """Values times their scale, and with their offset.
+
+    Raises:
+        TiltcalError: a value is no number any more.
+    """
+    with np.errstate(over="ignore"):
+        scaled = values if column.scale == 1.0 else column.scale * values
+        scaled = scaled + column.offset if column.offset else scaled
+    beyond = np.isinf(scaled) & np.isfinite(values)
+    if beyond.any():
+        row = int(np.argmax(beyond))
+        raise TiltcalError(
+            f"foreign recording {source}, column {column.from_}, data row {row + 1}",
+            found=f"{values[row]:g}",
+            need="a number that its scale leaves one",
+            do="correct that cell, or the scale of the mapping",
+        )
+    return scaled
 
 
 def _numbers(raw: Raw, name: str, source: str, mapping: Mapping) -> tuple[Array, list[str]]:

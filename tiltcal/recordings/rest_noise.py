@@ -25,6 +25,7 @@ from tiltcal.statistics.goodness_of_fit import NeighbourCounts
 from tiltcal.statistics.standstill_noise import StandstillNoise, fit_noise
 from tiltcal.statistics.standstill_spectrum import RunningSpectrum, StandstillSpectrum
 
+LEAST_SQUARE = 1e-60  # of all changes together: the powers of smaller ones are no numbers
 NOISY = ("acceleration", "angle", "rate", "raw")  # quantities of a sensor's columns
 
 
@@ -156,7 +157,7 @@ def _without_noise(counts: Mapping[str, NeighbourCounts]) -> dict[str, str]:
     for name, each in counts.items():
         if each.pairs + 1 < LEAST:
             found[name] = f"fewer than {LEAST} readings"
-        elif not each.changes:
+        elif each.square_sum < LEAST_SQUARE:
             found[name] = "its reading never changes: dead or frozen"
         elif each.changes < LEAST:
             found[name] = f"its reading changes {each.changes} times only: dead or frozen"

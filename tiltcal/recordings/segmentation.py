@@ -130,8 +130,9 @@ def can_show_standstill(time: Array, window: float = WINDOW) -> bool:
 
 
 def _width(time: Array, window: float) -> int:
-    """Rows of a window, s."""
-    return max(round(min(window / float(np.median(np.diff(time))), len(time))), NARROWEST)
+    """Rows of a window, s; all rows where most stamps repeat."""
+    step = float(np.median(np.diff(time)))
+    return max(round(min(window / step, len(time))) if step else len(time), NARROWEST)
 
 
 def _signals(recording: Recording) -> list[tuple[npt.NDArray[np.intp], Array, Array]]:

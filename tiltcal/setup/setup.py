@@ -24,7 +24,7 @@ from tiltcal.setup.tables import BUILT_IN, Axis, Table, add_model, every_table, 
 class Site(StrictTable):
     """Where the laboratory stands."""
 
-    gravity_m_s2: Annotated[float, Field(gt=0)]
+    gravity_m_s2: Annotated[float, Field(gt=0, le=1e6)]
     """Local plumb-line gravity, m/s2."""
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
     """Geodetic latitude, deg; needed by gyros and FOGs; not given: no Earth's rate."""

@@ -267,7 +267,9 @@ def _stated(result: Calibration, setup: Setup, recording: Recording) -> Calibrat
     columns = {name: split_unit(column)[1] for name, column in first.items()}
     stated: dict[str, Any] = {"columns": columns}
     if (temperature := recording.channel("temperature")) is not None:
-        stated["temperature_degC"] = float(np.nanmean(recording.column(temperature)))
+        values = recording.column(temperature)
+        if not np.isnan(values).all():
+            stated["temperature_degC"] = float(np.nanmean(values))
     result = replace(result, provenance={**result.provenance, **stated})
     return _with_setup(result, setup)
 

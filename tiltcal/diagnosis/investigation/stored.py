@@ -28,6 +28,13 @@ class StoredFinding(Stored):
         return self
 
 
+class StoredUndetectable(Stored):
+    """An effect that was not found, and the sizes it would have been found at."""
+
+    effect: str
+    detectable_size: dict[str, Finite] = {}
+
+
 class StoredDiagnosis(Stored):
     """diagnosis.json."""
 
@@ -35,6 +42,7 @@ class StoredDiagnosis(Stored):
     statement: str = ""
     findings: list[StoredFinding]
     recordings: list[str] = []
+    undetectable: list[StoredUndetectable] = []
 
 
 class StoredBlock(Stored):

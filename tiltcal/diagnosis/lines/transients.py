@@ -87,7 +87,9 @@ def transients(fitted: FittedModel, whitened: WhitenedModel) -> list[Hypothesis]
 
 
 def _courses(time: Array) -> list[ResidualCourse]:
-    step, duration = float(np.median(np.diff(time))), float(np.ptp(time))
+    """Those that end within the samples: a pause of the recording holds none."""
+    step = float(np.median(np.diff(time)))
+    duration = step * (len(time) - 1)
     every = [ResidualCourse(share * fall, fall) for fall, share in product(FALLS, RISES)]
     return [c for c in every if c.rise > SHORTEST * step and c.duration < LONGEST * duration]
 

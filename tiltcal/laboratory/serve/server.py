@@ -99,9 +99,17 @@ class Server:
     async def _open_sinks(self, stack: contextlib.AsyncExitStack) -> None:
         if self.wires.udp is not None:
             loop = asyncio.get_running_loop()
-            transport, _ = await loop.create_datagram_endpoint(
-                asyncio.DatagramProtocol, remote_addr=self.wires.udp
-            )
+            try:
+                transport, _ = await loop.create_datagram_endpoint(
+                    asyncio.DatagramProtocol, remote_addr=self.wires.udp
+                )
+            except OSError as error:
+                raise TiltcalError(
+                    f"{self.wires.udp[0]}:{self.wires.udp[1]}",
+                    found=(error.strerror or str(error)).lower(),
+                    need="a machine that can be reached",
+                    do="correct --udp",
+                ) from error
             stack.callback(transport.close)
             self._sinks.append(transport.sendto)
         if self.wires.pty:

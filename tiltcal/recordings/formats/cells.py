@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.core.errors import TiltcalError
+from tiltcal.core.errors import TiltcalError, shown
 from tiltcal.recordings.formats.raw_table import Raw
 
 SEPARATORS: dict[str, str | None] = {
@@ -193,7 +193,7 @@ def _no_stamp(texts: list[str], source: str) -> TiltcalError:
         except (ValueError, UserWarning):
             return TiltcalError(
                 f"foreign recording {source}, data line {number}",
-                found=f"the text '{text}'",
+                found=f"the text {shown(text)}",
                 need="a time such as 2026-05-04T12:30:00.250",
                 do="correct that cell, or set time.column, and time.unit to iso, dmy or mdy",
             )

@@ -9,7 +9,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from tiltcal.core.errors import TiltcalError
+from tiltcal.core.errors import TiltcalError, shown
+from tiltcal.recordings.csv_files import require_few
 from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.cells import (
     EMPTY_TEXTS,
@@ -123,6 +124,7 @@ def read_text(path: Path, layout: FileLayout, budget: ReadBudget) -> RawFile:
     if layout.comment and layout.comment.encode() in data:
         data, start = _without_comments(data[start:], layout.comment.encode()), 0
     width = _width(data, start, layout, path.name)
+    require_few(width, path)
     data, cut = _without_cut_line(data, start, layout, width)
     names = (names + [str(k + 1) for k in range(len(names), width)])[:width]
     ragged: list[int] = []
@@ -298,7 +300,7 @@ def bad_cell(texts: Raw, source: str, decimal: str) -> TiltcalError:
     )
     return TiltcalError(
         f"foreign recording {source}, data line {number}",
-        found=f"the text '{cell.strip()}'",
+        found=f"the text {shown(cell.strip())}",
         need="a number",
         do="correct that cell, or set header or skip_lines in the mapping",
     )

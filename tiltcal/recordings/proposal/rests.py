@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
+from tiltcal.recordings.stamps import LARGEST
 
 _WINDOWS = 4000  # at most so many are looked at
 _LEAST = 8  # rows of a window
@@ -57,7 +58,7 @@ def windows_of(values: Array, rate: float | None) -> Windows | None:
     """
     size = max(_LEAST, round((rate or 64.0) / 2))
     size = min(size, max(_LEAST, len(values) // 8))
-    values = values[np.isfinite(values).all(axis=1)]
+    values = values[(np.abs(values) <= LARGEST).all(axis=1)]
     count = len(values) // size
     if count < 2:
         return None
@@ -81,7 +82,7 @@ def is_measured(values: Array) -> bool:
     Args:
         values: (n, k).
     """
-    values = values[np.isfinite(values).all(axis=1)]
+    values = values[(np.abs(values) <= LARGEST).all(axis=1)]
     if len(values) < _LEAST:
         return False
     second = np.diff(values, 2, axis=0)

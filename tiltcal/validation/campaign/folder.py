@@ -1,6 +1,7 @@
 """The folder of a campaign: its runs and its results."""
 
 import json
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -89,6 +90,9 @@ class CampaignFiles:
             yield journal
 
 
+_SHARD = re.compile("[0-9]{1,9}/[0-9]{1,9}")
+
+
 @dataclass(frozen=True)
 class Shard:
     """Every ``count``-th run, from the ``number``-th on, which counts from 1."""
@@ -104,7 +108,8 @@ class Shard:
             TiltcalError: it is no part of a whole.
         """
         number, _, count = text.partition("/")
-        if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        whole = _SHARD.fullmatch(text) is not None
+        if not (whole and 1 <= int(number) <= int(count)):
             raise TiltcalError(
                 "option --shard",
                 found=text,

@@ -2,12 +2,18 @@
 channels of a row err together, as their rates say.
 """
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 from diagnosis_fixtures import honest, rewritten
 
+from tiltcal.cli import main
 from tiltcal.data_quality.spikes import off_neighbours
 from tiltcal.diagnosis.data_faults.prepare import prepare
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.recording_files import read_recording
 
 JITTER = 5e-3  # s
 COLUMNS = [f"accel_{a}_m_s2" for a in "xyz"]
@@ -92,3 +98,47 @@ def test_stamps_that_come_early_and_late_in_turn_are_not_random(truth, sound, tu
     late *= JITTER / late.std()
     faults = found_in(truth, sound, slopes * late[:, None])
     assert "data_jitter" not in [fault.effect.id for fault in faults]
+
+
+ARM = Path(__file__).parents[1] / "scenarios" / "arm" / "arm.xml"
+AXES = ("pan", "lift", "elbow", "wrist")
+
+
+def test_where_a_move_begins_between_two_rows_says_nothing_of_the_stamps(tmp_path):
+    """All channels of an arm err together in the row at which a quick move begins: its prediction
+    is uncertain there, and weighs as little as it does in the fit.
+    """
+    head = f"""\
+schema = 1
+name = "arm"
+seed = 2
+[site]
+gravity_m_s2 = 9.82
+[rig]
+mjcf = "arm.xml"
+site = "tool"
+axes = {{ {", ".join(f'{a} = "{a}"' for a in AXES)} }}
+readout = "command"
+[[sensor]]
+name = "accel"
+kind = "accelerometer"
+rate_hz = 50
+adjustable = ["bias", "scale", "cross_axis"]
+"""
+    rng = np.random.default_rng(5)  # poses at which it was taken for a scatter of the stamps
+    moves = [
+        '[[sequence]]\naction = "move"\ndwell_s = 1.5\nrate_deg_s = 60\n'
+        + "\n".join(
+            f"{a}_deg = {x:.0f}"
+            for a, x in zip(AXES, rng.uniform(-1, 1, 4) * [175, 75, 75, 175], strict=True)
+        )
+        for _ in range(28)
+    ]
+    noise = '[[effect]]\nid = "acc_noise"\nwhite_ug_rthz = 32\n'
+    shutil.copy(ARM, tmp_path)
+    (tmp_path / "truth.toml").write_text("\n".join([head, *moves, noise]))
+    (tmp_path / "honest.toml").write_text(head)
+    assert main(["simulate", str(tmp_path / "truth.toml"), "-o", str(tmp_path / "run.csv")]) == 0
+    recording = read_recording(tmp_path / "run.csv")
+    faults = prepare(load_scenario(tmp_path / "honest.toml"), [recording]).faults
+    assert faults == ()

@@ -62,6 +62,13 @@ class Channel:
     spread: Array | None = None
     growth: Array | None = None
 
+    @property
+    def uncertainty(self) -> Array | float:
+        """The part of the spread that is that of what is predicted, at least 1, (n,)."""
+        if self.spread is None:
+            return 1.0
+        return self.spread if self.growth is None else self.spread / self.growth
+
     def weighed(self, column: Array) -> Array:
         """A column with every row in units of its spread, (..., n)."""
         return column if self.spread is None else column / self.spread

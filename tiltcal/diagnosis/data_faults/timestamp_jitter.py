@@ -45,11 +45,14 @@ def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault 
     """Random errors of the time stamps: channels err together, as their rates say."""
     if not observations.courses:
         return None
-    residuals = observations.residuals(fitted.effects)
+    channels = observations.channels
     changes = observations.changes(
         DataLatency({"latency": UNIT}, None, None, "found"), fitted.effects
     )
-    slopes = {i: c / UNIT for i, c in changes.items()}
+    # what the motion leaves uncertain, as where a move begins between two rows, tells nothing
+    slopes = {i: c / UNIT / channels[i].uncertainty for i, c in changes.items()}
+    left = zip(observations.residuals(fitted.effects), channels, strict=True)
+    residuals = [r / c.uncertainty for r, c in left]
     if _goes_on(observations, residuals, slopes):
         return None
     found = list(_evidence(observations, residuals, slopes))

@@ -6,11 +6,12 @@ from scenario_files import BENCH_SCENARIO
 from tiltcal.cli import _unexpected, main
 from tiltcal.core.errors import MOST_FOUND, TiltcalError
 from tiltcal.core.safe_text import shortened
+from tiltcal.laboratory.own_model import ModelAxis, ModelReference
 from tiltcal.recordings.proposal.rests import windows_of
 from tiltcal.setup.chain import Link
 from tiltcal.validation.campaign.factors import Factor
 from tiltcal.validation.campaign.folder import Shard
-from tiltsim.model_reader import MOST_BODIES, check_files
+from tiltsim.model_reader import MOST_BODIES, check_files, read_model, require_inside
 
 ARM = """<mujoco><worldbody><body><joint name="lift"/><geom size="1"/>
 <replicate count="{outer}" offset="1 0 0"><replicate count="{inner}" offset="0 1 0">
@@ -132,3 +133,41 @@ def test_a_scenario_that_no_recording_can_be_of_is_refused(old, new, said, tmp_p
     told = capsys.readouterr().err
     assert said in told
     assert "TRACEBACK" not in told
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["noise", "long.csv"],
+        ["simulate", "long.toml", "-o", "out.csv"],
+        ["campaign", "long.toml", "-o", "out"],
+        ["compare", "long.json", "long.json"],
+        ["import", "log.csv", "--map", "long.toml", "-o", "out.csv"],
+    ],
+)
+def test_what_is_longer_than_any_memory_is_refused_at_once(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "log.csv").write_text("a\n1\n")
+    for word in words:
+        if word.startswith("long"):
+            with (tmp_path / word).open("wb") as file:
+                file.truncate(1 << 36)
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert "68719476736 bytes" in told or "characters and more" in told
+
+
+def test_links_in_a_circle_are_no_model(tmp_path):
+    (tmp_path / "arm.xml").symlink_to("arm.xml")
+    with pytest.raises(TiltcalError, match="no such file"):
+        require_inside(tmp_path, tmp_path / "arm.xml", "arm.xml")
+
+
+def test_what_mujoco_refuses_leaves_no_file_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    part = '<worldbody><geom size="nan"/></worldbody>'
+    (tmp_path / "arm.xml").write_text(f"<mujoco>{part}</mujoco>")
+    text = ModelReference(mjcf="arm.xml", site="tool", axes={"pan": ModelAxis(joint="pan")})
+    with pytest.raises(TiltcalError, match="nan size in geom"):
+        read_model(text, tmp_path, ())
+    assert [p.name for p in tmp_path.iterdir()] == ["arm.xml"]

@@ -61,6 +61,9 @@ def test_a_temperature_that_was_never_read_is_not_stated(tmp_path):
         found[-1].save(tmp_path / "CAL.json")
     assert "temperature_degC" not in found[0].provenance
     assert found[1].provenance["temperature_degC"] == 23
+    columns = named | {"temperature_degC": np.full(len(recording), 1e308)}
+    with pytest.raises(TiltcalError, match=r"temperature_degC.*at most 1e"):
+        calibrate("norm", Recording.from_columns(recording.time, columns), SETUP)
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -223,6 +223,8 @@ def test_missing_angles_and_dwells_off_the_steps_are_named():
     assert any("no dwell at axis y: 35, 40 deg" in t.statement for t in found.tests)
     odd = swept(log((0, np.array([*UP_AND_DOWN, 12.0])), (90, UP_AND_DOWN)))
     assert any("off the steps of 5 deg are not used: axis y at 12 deg" in w for w in odd.warnings)
+    alone = swept(log((0, UP_AND_DOWN), (180, np.array([12.0])), (90, UP_AND_DOWN)))
+    assert any("not used: axis y at" in w for w in alone.warnings)
 
 
 @pytest.mark.parametrize(("stated", "look"), [((0, 0), 90), ((0, 180), 270)])

@@ -165,6 +165,12 @@ def test_refusals_write_nothing(good, here, capsys, words, said):
     assert sorted(here.iterdir()) == before
 
 
+def test_one_instant_is_no_motion(good, here, capsys):
+    (here / "one.csv").write_text("time_s,table_outer_deg,table_inner_deg\n1,0,0\n")
+    assert main(["view", "one.csv", "--scenario", str(good / "bench.toml"), "-o", "out.html"]) == 2
+    assert "found one instant" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("module", "command"), [("viser", "view"), ("av", "film")])
 def test_a_missing_library_is_named_with_its_extra(good, here, module, command):
     program = (

@@ -12,6 +12,7 @@ folders that any part of the model states for its assets.
 In a run by time steps a joint has the drive and the servo that the model gives it.
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ def require_inside(folder: Path, path: Path, text: str) -> Path:
     Raises:
         TiltcalError: it lies elsewhere, is no file, or is too large.
     """
-    found = path.resolve()
+    found = Path(os.path.realpath(path))  # links in a circle are no file
     if not found.is_relative_to(folder.resolve()):
         raise _error(text, "a path outside the scenario's folder", "files inside it")
     if not found.is_file():
@@ -197,15 +198,19 @@ def read_model(
     path = require_inside(folder, folder / text.mjcf, text.mjcf)
     check_files(path, folder)
     subject = f"model {text.mjcf}"
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)  # which MuJoCo writes to a file in the folder
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:
         raise TiltcalError(
             subject,
             found=str(error).splitlines()[0],
             need="a model that MuJoCo loads",
             do="correct the file; `python -m mujoco.viewer` shows it",
         ) from error
+    finally:
+        mujoco.set_mju_user_warning(before)
     if model.nbody > MOST_BODIES:
         raise TiltcalError(
             subject,

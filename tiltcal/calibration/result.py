@@ -378,6 +378,7 @@ def calibration_from(table: Mapping[str, Any], subject: str = "calibration") -> 
         TiltcalError: naming the first key that does not fit.
     """
     c = checked(StoredCalibration, table, subject, WRITTEN)
+    provenance = c.provenance.model_dump(exclude_unset=True)
     return Calibration(
         c.method,
         one_of(c.verdict, VERDICTS, subject, "verdict"),  # type: ignore[arg-type]
@@ -395,8 +396,8 @@ def calibration_from(table: Mapping[str, Any], subject: str = "calibration") -> 
         {name: [e.model_dump() for e in entries] for name, entries in c.bias_tables.items()},
         c.lookup,
         c.method == "norm" if c.own_frame is None else c.own_frame,
-        c.provenance,
-        _stored_effects(c.effects, c.provenance, subject),
+        provenance,
+        _stored_effects(c.effects, provenance, subject),
         [Reference(**dict(r)) for r in c.references],
         c.assumed_matrix,
     )

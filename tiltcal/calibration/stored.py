@@ -125,6 +125,17 @@ class StoredReference(Stored):
     """Its error by the recording and the uncertainty of that, in its unit, where it was fitted."""
 
 
+class StoredProvenance(Stored):
+    """What it came from."""
+
+    columns: dict[str, str | None] = {}
+    """Unit of the columns of each sensor."""
+    temperature_degC: Finite | None = None
+    """Mean temperature of the recording."""
+    undetermined: list[str] = []
+    """Parameters that the recording does not determine."""
+
+
 class StoredCalibration(Stored):
     """CAL.json; only method, verdict and parameters with values are required."""
 
@@ -168,7 +179,7 @@ class StoredCalibration(Stored):
     """Uncertain references, stated or assumed, with their shares of the uncertainty."""
     assumed_covariance: list[list[Finite]] | None = None
     """Covariance by the references that are assumed, in the order of the parameters."""
-    provenance: dict[str, Any] = {}
+    provenance: StoredProvenance = StoredProvenance()
     """What it came from: recording, set-up, ranges, versions."""
 
     @model_validator(mode="after")

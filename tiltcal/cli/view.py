@@ -133,6 +133,10 @@ def _shown(file: Path, scenario: Path | None, seconds: float, rate_hz: int) -> S
     """
     setup, course = _course(file, scenario)
     begin, end = course.times
+    if not end > begin:
+        raise TiltcalError(
+            f"{file}", found="one instant", need="something that moves", do="record for longer"
+        )
     speed = max(1.0, (end - begin) / seconds)
     time: Array = np.arange(begin, end, speed / rate_hz)
     return Shown(setup, course.drive(time), speed)

@@ -50,6 +50,26 @@ def require_file(path: Path, kind: str) -> Path:
     return path
 
 
+MOST_TEXT = 64 << 20  # bytes of a scenario, a calibration or a model: far more than any has
+
+
+def require_document(path: Path, kind: str) -> Path:
+    """``path`` when it is a readable file that is read whole.
+
+    Raises:
+        TiltcalError: it is missing, a folder, may not be read, or is larger than any such file.
+    """
+    size = require_file(path, kind).stat().st_size
+    if size > MOST_TEXT:
+        raise TiltcalError(
+            f"{kind} {path}",
+            found=f"{size} bytes",
+            need=f"at most {MOST_TEXT}",
+            do="name the file itself, or check what wrote it",
+        )
+    return path
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary file next to ``path`` that takes its name when the block ends well and vanishes

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tiltcal.core.errors import TiltcalError, shown
-from tiltcal.core.files import require_file
+from tiltcal.core.files import require_document
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Model = TypeVar("Model", bound=BaseModel)
@@ -75,7 +75,7 @@ def _finite(text: str) -> float:
 
 
 def _table(path: Path, kind: str, need: str, parse: Any) -> dict[str, Any]:
-    path = require_file(path, kind)
+    path = require_document(path, kind)
     try:
         table = parse(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError, nearest
-from tiltcal.core.files import require_file
+from tiltcal.core.files import require_document
 from tiltcal.core.optional_library import library
 from tiltcal.effects.base import Effect, FrameEffect
 from tiltcal.effects.file_values import number_of
@@ -108,7 +108,7 @@ def read_values(path: Path) -> dict[str, float]:
     """
     yaml = library("yaml", "sysid", "a parameter file of mujoco.sysid")
     try:
-        table = yaml.safe_load(require_file(path, "parameters").read_text(encoding="utf-8"))
+        table = yaml.safe_load(require_document(path, "parameters").read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise _not_one(path, str(error).splitlines()[0]) from error
     if not isinstance(table, dict) or not table:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, Field, ValidationError, field_validator
 
 from tiltcal.core.errors import TiltcalError, nearest
-from tiltcal.core.files import require_file
+from tiltcal.core.files import require_document
 from tiltcal.effects import CATALOGUE, Effect, make_effect
 from tiltcal.laboratory.own_model import ModelReference, with_links
 from tiltcal.laboratory.random_instrument import draw_instrument
@@ -141,7 +141,7 @@ def load_as(kind: type[Kind], path: Path | str) -> Kind:
     Raises:
         TiltcalError: as ``parse_as`` does, or the file is no text.
     """
-    path = require_file(Path(path), "scenario")
+    path = require_document(Path(path), "scenario")
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:

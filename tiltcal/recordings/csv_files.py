@@ -4,6 +4,7 @@ import csv
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
@@ -18,6 +19,7 @@ from tiltcal.recordings.arrow_columns import arrow_table, to_numpy
 from tiltcal.recordings.samples import Columns, Labels
 
 MOST_COLUMNS = 4096
+LONGEST = 1 << 22  # characters of a line before the first row
 HEAD = 1 << 18  # bytes from which the length of a line is estimated
 
 
@@ -49,7 +51,14 @@ def csv_head(path: Path) -> tuple[dict[str, str], list[str], int]:
     """
     metadata: dict[str, str] = {}
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as lines:
-        for number, line in enumerate(lines, start=1):
+        for number, line in enumerate(iter(partial(lines.readline, LONGEST), ""), start=1):
+            if len(line) == LONGEST:
+                raise TiltcalError(
+                    f"recording {path.name}, line {number}",
+                    found=f"{LONGEST} characters and more",
+                    need="lines of metadata, and a header",
+                    do="check the file",
+                )
             if line.startswith("#"):
                 key, colon, value = line[1:].partition(":")
                 if colon:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
 
 from tiltcal.core.errors import TiltcalError, nearest
-from tiltcal.core.files import require_file
+from tiltcal.core.files import require_document
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.data_quality import registry
 from tiltcal.recordings.formats.cells import DATES
@@ -138,7 +138,7 @@ def load_mapping(path: Path | str, instance: int | None = None) -> Mapping:
         TiltcalError: naming every wrong key; or an instance is given, and the file has no column
             for it.
     """
-    path = require_file(Path(path), "mapping")
+    path = require_document(Path(path), "mapping")
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:

@@ -253,7 +253,7 @@ def find_sweeps(
     variance = poses.covariances[:, channel, channel]
     value = poses.means[:, channel] - setup.site.gravity * poses.up[:, "xyz".index(axis)]
     sweeps = []
-    for number in np.unique(which[used]):
+    for number in np.unique(which[used & ~off]):
         k = np.flatnonzero(used & ~off & (which == number))
         sweeps.append(
             Sweep(

@@ -266,10 +266,9 @@ def _stated(result: Calibration, setup: Setup, recording: Recording) -> Calibrat
     first = {s.name: str(recording.channel(f"{s.name}_{s.axes[0]}")) for s in there}
     columns = {name: split_unit(column)[1] for name, column in first.items()}
     stated: dict[str, Any] = {"columns": columns}
-    if (temperature := recording.channel("temperature")) is not None:
-        values = recording.column(temperature)
-        if not np.isnan(values).all():
-            stated["temperature_degC"] = float(np.nanmean(values))
+    if recording.temperature() is not None:
+        values = recording.column(str(recording.channel("temperature")))
+        stated["temperature_degC"] = float(np.nanmean(values))
     result = replace(result, provenance={**result.provenance, **stated})
     return _with_setup(result, setup)
 

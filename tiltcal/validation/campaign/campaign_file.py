@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, field_validator
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import require_file
+from tiltcal.core.files import require_document
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.setup.part import StrictTable
 from tiltcal.validation.campaign.factors import Document, Factor
@@ -80,7 +80,7 @@ def load_campaign(path: Path) -> Campaign:
     Raises:
         TiltcalError: naming every wrong key of the campaign, or of the scenario.
     """
-    table = _toml(require_file(path, "campaign"))
+    table = _toml(require_document(path, "campaign"))
     try:
         campaign = CampaignTable.model_validate(table)
     except ValidationError as error:

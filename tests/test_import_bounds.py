@@ -130,3 +130,11 @@ def test_a_reading_that_its_scale_makes_too_large_is_named(tmp_path):
     table = {"file": {"header": True}, "time": {"rate_hz": 10}, "column": [column]}
     with pytest.raises(TiltcalError, match=r"column x, data row 2: found -1e\+308"):
         import_recording(tmp_path / "log.txt", Mapping.model_validate(table))
+
+
+def test_a_bag_without_its_mark_is_refused_before_its_library_looks_for_it(tmp_path):
+    """Zeros of 64 GiB that take no room on the disk: the library reads on to the first line end."""
+    with (tmp_path / "a.bag").open("wb") as file:
+        file.truncate(64 << 30)
+    with pytest.raises(TiltcalError, match="another beginning than that of a ROS 1 bag"):
+        read_raw(tmp_path / "a.bag", FileLayout())

@@ -13,6 +13,7 @@ from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.formats.ros_messages import Topic
 
+_MARK = b"#ROSBAG V"
 _MESSAGE = 1000  # bytes that a message takes as a row of values, about
 _FORMAT = "MCAP files"
 
@@ -102,6 +103,15 @@ def read_bag(path: Path, budget: ReadBudget) -> RawFile:
     Raises:
         TiltcalError: the library is missing, there are no messages, or too many.
     """
+    if path.suffix == ".bag":
+        with path.open("rb") as file:
+            if file.read(len(_MARK)) != _MARK:  # the library looks for the end of its line
+                raise TiltcalError(
+                    f"foreign recording {path.name}",
+                    found="another beginning than that of a ROS 1 bag",
+                    need="a whole ROS bag",
+                    do="check the file, or export it again",
+                )
     highlevel = library("rosbags.highlevel", "ros", "ROS bags")
     typesys = library("rosbags.typesys", "ros", "ROS bags")
     store = typesys.get_typestore(typesys.Stores.LATEST)

@@ -117,13 +117,22 @@ def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
         innermost = setup.rig.axis_names[-1:]
         return effect.follows.format(innermost="".join(innermost))
     if effect.axis_wise and effect.needs == "pose":
-        return angle_channel(effect.axis or setup.rig.axis_names[0])
+        return angle_channel(_axis(effect, setup.rig))
     if effect.needs in FOLLOWS:
         return FOLLOWS[effect.needs]
     if effect.stage == "data":
         return "sample"
     on_body = effect.stage in ("sensor", "electronics", "mount") or not setup.rig.axes
-    return "tilt" if on_body else angle_channel(setup.rig.axis_names[0])
+    return "tilt" if on_body else angle_channel(_axis(effect, setup.rig))
+
+
+def _axis(effect: Effect, rig: Rig) -> str:
+    """The table axis of an effect: its own, that of its largest size, or the outermost."""
+    sizes = {
+        axis: max((abs(v) for n, v in effect.values.items() if n.startswith(f"{axis}_")), default=0)
+        for axis in rig.axis_names
+    }
+    return effect.axis or max(sizes, key=lambda axis: sizes[axis])
 
 
 LATE = (

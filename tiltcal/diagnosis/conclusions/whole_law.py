@@ -46,9 +46,7 @@ def whole_law(
     The signal of the completing terms is projected on the leading term's columns, weighed by the
     noise, without what calibration and other findings may take: the sizes are those of a fit of the
     leading term alone in the finding's place. Of a step, what creeps beside it is added: it has the
-    size of what it leaves. Their covariance is that of these sums, and of the
-    sizes of the law that were left at zero: each may be as large as those that were not, as far as
-    the recording does not exclude it.
+    size of what it leaves. Their covariance is that of these sums in the model that was fitted.
 
     Args:
         fitted: the model.
@@ -69,7 +67,7 @@ def whole_law(
     size = float(np.sqrt(np.mean((along @ (values / sizes)) ** 2)))
     zero = _unused(inside[0])
     unused = _columns(fitted, whitened, [zero], removed)
-    taken, untold = _of_unused(columns, lead, unused, size)
+    untold = _untold(columns, lead, unused, size)
     cuts = np.cumsum([len(t.names) for t in inside])[:-1]
     signals = [
         part @ v
@@ -81,7 +79,7 @@ def whole_law(
     energy = max(float(total @ total), np.finfo(float).tiny)
     return WholeLaw(
         along @ (values / sizes) * sizes[:lead],
-        np.sqrt(np.maximum(variance, 0.0) + taken) * sizes[:lead],
+        np.sqrt(np.maximum(variance, 0.0)) * sizes[:lead],
         [np.split(s, np.cumsum(lengths)[:-1]) for s in signals],
         [float(s @ total) / energy for s in signals],
         tuple(n for n, u in zip(zero.names, untold, strict=True) if u),
@@ -126,14 +124,14 @@ def _columns(
     return np.column_stack(found) if found else np.zeros((sum(lengths), 0))
 
 
-def _of_unused(columns: Array, lead: int, unused: Array, size: float) -> tuple[Array, Mask]:
-    """Variance that the sizes left at zero add to those of the leading term, (lead,), and which of
-    them the recording does not tell, (q,).
+def _untold(columns: Array, lead: int, unused: Array, size: float) -> Mask:
+    """Which sizes that were left at zero the recording does not tell from those of the leading
+    term, (q,).
 
     Args:
         columns: of all terms of the finding, the leading ones first, (n, p).
-        unused: of the sizes
-            left at zero, (n, q).
+        lead: how many these are.
+        unused: of the sizes left at zero, (n, q).
         size: standard deviation of each of them before the recording, of its plausible size.
     """
     own = unused - columns @ _coordinates(columns, unused)
@@ -141,7 +139,7 @@ def _of_unused(columns: Array, lead: int, unused: Array, size: float) -> tuple[A
     left = np.linalg.inv(known) * size**2
     taken = _coordinates(columns[:, :lead], unused)
     alike = (np.abs(taken) > TELLING).any(axis=0) & (np.diag(left) > size**2 / 2)
-    return np.einsum("ij,jk,ik->i", taken, left, taken), np.asarray(alike)
+    return np.asarray(alike)
 
 
 def _coordinates(onto: Array, columns: Array) -> Array:

@@ -14,6 +14,9 @@ from tiltcal.recordings.formats.bad_lines import find_bad_lines
 from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.registry import read_raw
 from tiltcal.recordings.mapping import FileLayout, Mapping
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segment_files import read_segments
+from tiltcal.setup.sequence_files import read_sequence
 
 N = 50
 AT_ONCE = 5.0  # s; a loop would take for ever
@@ -138,3 +141,14 @@ def test_a_bag_without_its_mark_is_refused_before_its_library_looks_for_it(tmp_p
         file.truncate(64 << 30)
     with pytest.raises(TiltcalError, match="another beginning than that of a ROS 1 bag"):
         read_raw(tmp_path / "a.bag", FileLayout())
+
+
+NOTHING = Recording.from_columns(np.arange(3.0), {"accel_x_g": np.ones(3)})
+
+
+@pytest.mark.parametrize("read", [read_sequence, lambda path: read_segments(path, NOTHING)])
+def test_a_table_that_is_read_whole_is_bounded(read, tmp_path):
+    with (tmp_path / "a.csv").open("wb") as file:
+        file.truncate(64 << 30)
+    with pytest.raises(TiltcalError, match="68719476736 bytes, need at most"):
+        read(tmp_path / "a.csv")

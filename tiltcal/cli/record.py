@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json
 from tiltcal.cli.serve import address
-from tiltcal.core.files import require_file
+from tiltcal.core.files import require_document
 from tiltcal.laboratory.serve.client import SequenceRecorder, TableClient
 from tiltcal.recordings.saving import write_recording
 from tiltcal.setup.sequence_files import read_sequence
@@ -31,7 +31,7 @@ def record(
       tiltcal record 127.0.0.1:5025 SEQUENCE.csv RECORDING.csv
       tiltcal investigate --scenario bench.toml --lab 'tiltcal record 127.0.0.1:5025'
     """
-    require_file(sequence, "sequence")
+    require_document(sequence, "sequence")
     with TableClient(*address(table)) as client:
         add_axes(client.axes)  # a sequence may move axes of a model that is known there only
         recording = SequenceRecorder(client, read_sequence(sequence)).record()

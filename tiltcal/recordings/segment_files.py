@@ -8,7 +8,7 @@ from typing import TextIO
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import require_file
+from tiltcal.core.files import require_document
 from tiltcal.core.safe_text import cell_of, text_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, dwells, majority
@@ -26,7 +26,7 @@ def read_segments(path: Path, recording: Recording) -> list[Segment]:
     Raises:
         TiltcalError: a column is missing, a cell is wrong, or two dwells overlap.
     """
-    names, rows = _rows(require_file(path, "segments"))
+    names, rows = _rows(require_document(path, "segments"))
     missing = {"start_s", "end_s"} - set(names)
     if missing:
         raise TiltcalError(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError, nearest
-from tiltcal.core.files import require_file
+from tiltcal.core.files import require_document
 from tiltcal.core.frames import parse_mount
 from tiltcal.core.safe_text import cell_of, text_of
 from tiltcal.setup.schedule import Leg, build_schedule
@@ -122,7 +122,7 @@ def read_sequence(path: Path | str) -> tuple[Step, ...]:
     Raises:
         TiltcalError: naming the row and column that is wrong.
     """
-    path = require_file(Path(path), "sequence")
+    path = require_document(Path(path), "sequence")
     try:
         with path.open(encoding="utf-8", newline="") as file:
             reader = csv.DictReader(file)

@@ -10,6 +10,7 @@ coordinate is the form with one number. With ``instants`` it is a transient from
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -94,7 +95,7 @@ class Learned(Effect):
     place: str = "sensor"
     holds: bool = False
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number of coefficients."""
         if self.beside:
@@ -116,6 +117,12 @@ class Learned(Effect):
     def is_saw(self) -> bool:
         """Whether it is a ramp that begins again after its period."""
         return len(self.knots) == 2 and self.period > 0
+
+    @property
+    def answer_id(self) -> tuple[object, ...]:
+        """Equal for two effects that act at the same place, whatever their curves are."""
+        reading = self.sensor, self.axis, self.per_input
+        return (type(self), *reading, self.slot, self.turn)
 
     @property
     def curve_id(self) -> tuple[object, ...]:

@@ -8,7 +8,8 @@ At an instant the motion depends on a turn's angle, rate and acceleration at tha
 curve's value, rate and acceleration, each times the answer to it, are the change.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -16,8 +17,11 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.block_grid import Sampling
 from tiltcal.diagnosis.data.observations import Channel, CurveFactors, SharedCurve
 from tiltcal.effects.learned import Learned
-from tiltcal.forward.nominal_motion import Answers, NominalMotion
+from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.setup.trajectory import Jet
+
+Answered = list[tuple[int, tuple[Array | None, ...]]]
+"""Numbers of channels, and what each answers to the parts of a curve, (m,) each."""
 
 
 class CurveColumns:
@@ -31,6 +35,9 @@ class CurveColumns:
     def __init__(self, channels: Sequence[Channel], samplings: Sequence[Sampling]) -> None:
         self._channels, self._samplings = channels, samplings
         self._shared: dict[tuple[object, ...], SharedCurve] = {}
+        self._answers: WeakKeyDictionary[NominalMotion, dict[object, Answered]] = (
+            WeakKeyDictionary()
+        )
         self._last: dict[int, tuple[Jet, object, list[Array]]] = {}
 
     def columns(
@@ -50,9 +57,13 @@ class CurveColumns:
         found: dict[int, tuple[list[int], Array]] = {}
         for number, watch in enumerate(watches):
             parts = self._parts_of(number, watch, effect, which, sizes)
-            for i, answers in self._answered(number, watch.answers(effect), len(parts)):
-                pairs = zip(answers, parts, strict=True)
-                total = sum((a * part for a, part in pairs if a is not None), np.zeros(1))
+            for i, answers in self._answered(number, watch, effect):
+                known = [(a, p) for a, p in zip(answers, parts, strict=False) if a is not None]
+                if not known:
+                    continue
+                total = known[0][0] * known[0][1]
+                for answer, part in known[1:]:
+                    total += answer * part
                 block = self._samplings[i].of(total.T).T
                 some = np.flatnonzero(block.any(axis=1))
                 if len(some):
@@ -88,8 +99,11 @@ class CurveColumns:
         found = {}
         for number, watch in enumerate(watches):
             curve = self._curve_of(number, watch, effect)
-            for i, answers in self._answered(number, watch.answers(effect), len(curve.parts)):
-                singles = tuple(None if a is None else a.astype(np.float32) for a in answers)
+            for i, answers in self._answered(number, watch, effect):
+                own = answers[: len(curve.parts)]
+                singles = tuple(None if a is None else a.astype(np.float32) for a in own)
+                if all(a is None for a in singles):
+                    continue
                 spread = self._channels[i].spread
                 found[i] = CurveFactors(
                     curve,
@@ -107,18 +121,22 @@ class CurveColumns:
             self._shared[key] = SharedCurve(tuple(part.astype(np.float32) for part in parts))
         return self._shared[key]
 
-    def _answered(
-        self, recording: int, answers: Answers, count: int
-    ) -> Iterator[tuple[int, tuple[Array | None, ...]]]:
-        """The channels of a recording that answer to the first ``count`` parts of a curve, and
-        their answers, (m,) each.
+    def _answered(self, recording: int, watch: NominalMotion, effect: Learned) -> Answered:
+        """The channels of a recording that answer to a curve where an effect acts: many curves act
+        there.
         """
-        for i, c in enumerate(self._channels):
-            if c.recording == recording and c.sensor in answers:
-                own = [None if a is None else a[:, c.column] for a in answers[c.sensor][:count]]
-                mine = tuple(None if a is None or not a.any() else a for a in own)
-                if any(a is not None for a in mine):
-                    yield i, mine
+        places = self._answers.setdefault(watch, {})
+        key = effect.answer_id
+        if key not in places:
+            answers, places[key] = watch.answers(effect), []
+            for i, c in enumerate(self._channels):
+                if c.recording == recording and c.sensor in answers:
+                    parts = answers[c.sensor]
+                    own = [None if a is None else a[:, c.column].copy() for a in parts]
+                    mine = tuple(None if a is None or not a.any() else a for a in own)
+                    if any(a is not None for a in mine):
+                        places[key].append((i, mine))
+        return places[key]
 
 
 def _parts(curve: Jet) -> list[Array]:

@@ -164,6 +164,12 @@ def link_offset(setup: Setup, effects: Sequence[Effect], slot: str) -> Array:
     )
 
 
+def _cross(one: Vector, other: Vector | Array) -> Vector:
+    """The vector product, of which one factor may be alike in all rows, (3,)."""
+    pairs = ((1, 2), (2, 0), (0, 1))
+    return [np.asarray(one[j] * other[k] - one[k] * other[j]) for j, k in pairs]
+
+
 class _Link:
     """The vectors carried outward, each a list of three arrays of shape (n,).
 
@@ -176,6 +182,7 @@ class _Link:
         n = len(drive.time)
         self.time, self.gravity, self.whole = drive.time, world.gravity, whole
         one, zero = np.ones(n), np.zeros(n)
+        self.nothing: Vector = [zero, zero, zero]
         self.up: Vector = [zero, zero, one]
         self.rate: Vector = (
             [zero, zero, zero] if whole else [component * one for component in world.earth]
@@ -204,35 +211,34 @@ class _Link:
 
     def world(self, v: Array) -> Array:
         """A constant world vector in this frame, (n, 3): east is north x up."""
-        north, up = np.column_stack(self.north), np.column_stack(self.up)
-        return v[0] * np.cross(north, up) + v[1] * north + v[2] * up
+        each = zip(_cross(self.north, self.up), self.north, self.up, strict=True)
+        return np.column_stack([v[0] * east + v[1] * n + v[2] * up for east, n, up in each])
 
     def offset(self, r: Array) -> None:
         """Pass a displacement: the point behind it moves on with the link."""
         if not np.any(r):
             return
-        rate, spin = np.column_stack(self.rate), np.column_stack(self.spin)
+        speed = _cross(self.rate, r)
+        turned = zip(_cross(self.spin, r), _cross(self.rate, speed), strict=True)
         for target, change in (
-            (self.acceleration, np.cross(spin, r) + np.cross(rate, np.cross(rate, r))),
-            (self.speed, np.cross(rate, r)),
-            (self.position, np.broadcast_to(r, rate.shape)),
+            (self.acceleration, [s + w for s, w in turned]),
+            (self.speed, speed),
+            (self.position, list(r)),
         ):
-            target[:] = [component + change[:, i] for i, component in enumerate(target)]
+            target[:] = [part + more for part, more in zip(target, change, strict=True)]
 
     def slide(self, along: Jet) -> None:
         """Pass a slide along z: the point behind it moves on as the link does, and on its own."""
-        rate, spin = np.column_stack(self.rate), np.column_stack(self.spin)
-        r, v = (
-            np.multiply.outer(np.broadcast_to(part, self.time.shape), [0.0, 0.0, 1.0])
-            for part in (along.x, along.v)
-        )
-        turned = np.cross(spin, r) + np.cross(rate, np.cross(rate, r) + 2 * v)
+        r = [*self.nothing[:2], np.asarray(along.x)]
+        speed = _cross(self.rate, r)
+        twice = [*speed[:2], speed[2] + 2 * along.v]
+        turned = zip(_cross(self.spin, r), _cross(self.rate, twice), strict=True)
         for target, change, own in (
-            (self.acceleration, turned, along.a),
-            (self.speed, np.cross(rate, r), along.v),
-            (self.position, np.zeros_like(r), along.x),
+            (self.acceleration, [s + w for s, w in turned], along.a),
+            (self.speed, speed, along.v),
+            (self.position, self.nothing, along.x),
         ):
-            target[:] = [component + change[:, i] for i, component in enumerate(target)]
+            target[:] = [part + more for part, more in zip(target, change, strict=True)]
             target[2] = target[2] + own
 
     def fixed(self, position: LinkFrame) -> None:

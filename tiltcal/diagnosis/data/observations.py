@@ -150,6 +150,30 @@ class CurveFactors:
         return self.sampling.adjoint(weighed)
 
 
+KEPT = 4  # residuals: a step and the one before it, and the models that these are compared with
+
+
+@dataclass(frozen=True)
+class _Left:
+    """What a model leaves.
+
+    Args:
+        effects: of the model; channels: that are predicted; values: residual of each, SI, (n,).
+    """
+
+    effects: tuple[Effect, ...]
+    channels: tuple[Channel, ...]
+    values: list[Array]
+
+    @cached_property
+    def waves(self) -> list[Array]:
+        """Cosine coefficients of the residuals, their rows weighed, (n,) each."""
+        found = [c.waves(r) for c, r in zip(self.channels, self.values, strict=True)]
+        for wave in found:
+            wave.flags.writeable = False
+        return found
+
+
 class Observations(ABC):
     """Recordings of one set-up, explained together."""
 
@@ -234,17 +258,31 @@ class Observations(ABC):
 
     def residuals(self, effects: Sequence[Effect]) -> list[Array]:
         """Measured minus predicted, (n,) each; 0 where a loss of samples leaves nothing to
-        predict.
+        predict. Fits and their noise ask for the same again.
         """
-        return [
-            np.nan_to_num(c.values - p)
-            for c, p in zip(self.channels, self.predict(effects), strict=True)
-        ]
+        return list(self._left_by(effects).values)
 
     def residual_waves(self, effects: Sequence[Effect]) -> list[Array]:
         """Cosine coefficients of the residuals, their rows weighed, (n,) each."""
-        left = self.residuals(effects)
-        return [c.waves(r) for c, r in zip(self.channels, left, strict=True)]
+        return list(self._left_by(effects).waves)
+
+    def _left_by(self, effects: Sequence[Effect]) -> "_Left":
+        """What a model with these effects leaves: one of those that were asked for last, or new."""
+        asked = tuple(effects)
+        found = next((one for one in self._lately if one.effects == asked), None)
+        if found is None:
+            pairs = zip(self.channels, self.predict(effects), strict=True)
+            found = _Left(asked, self.channels, [np.nan_to_num(c.values - p) for c, p in pairs])
+            for r in found.values:
+                r.flags.writeable = False
+        others = [one for one in self._lately if one is not found]
+        self._lately[:] = [found, *others[: KEPT - 1]]
+        return found
+
+    @cached_property
+    def _lately(self) -> "list[_Left]":
+        """What was asked for last, first."""
+        return []
 
     def averaged(self, block: int) -> "Observations":
         """The same with so many samples averaged into one, where that is known to keep what they

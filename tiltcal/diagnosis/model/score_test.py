@@ -84,9 +84,11 @@ def log_bayes_factor(gain: Array, ratio: Array) -> Array:
         gain: fall of the deviance along each, (n,) or (n, m).
         ratio: prior variance over that of the estimate, for each width first, (k, n) or (k, n, m).
     """
-    by_width = 0.5 * (gain * (ratio / (1 + ratio)) - np.log1p(ratio))
+    by_width = gain * (0.5 * ratio / (1 + ratio))
+    by_width -= 0.5 * np.log1p(ratio)
     top = by_width.max(axis=0)
-    return np.asarray(top + np.log(np.exp(by_width - top).mean(axis=0)))
+    by_width -= top
+    return np.asarray(top + np.log(np.exp(by_width, out=by_width).mean(axis=0)))
 
 
 def any_of(log_factors: Array) -> Array:

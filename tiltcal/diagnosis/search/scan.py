@@ -74,44 +74,50 @@ class Scan:
         along = self.products.along(fitted)
         found = np.zeros(len(whitened.hypotheses))
         for which, rows, gram, raw in self._groups:
-            inside = along[rows, 1:]
-            rest = gram - inside @ inside.transpose(0, 2, 1)
-            share, turn = _turned(rest / (raw[:, :, None] * raw[:, None, :]))
-            a = np.einsum("gij,gi->gj", turn, along[rows, 0] / raw)
+            each = along[rows] / raw[:, :, None]
+            inside = each[:, :, 1:]
+            share, turn = _turned(gram - inside @ inside.transpose(0, 2, 1))
+            a = np.einsum("gij,gi->gj", turn, each[:, :, 0])
             there = share > SURVIVES
-            gain = np.where(there, a * a / np.where(there, share, 1.0), 0.0)
-            sized = share * np.einsum("gij,gi->gj", turn**2, np.where(raw < np.inf, raw, 0.0) ** 2)
             less = power[which][:, None]
-            found[which] = self._summed(which, gain / less, sized / less, there, less)
+            gain = np.where(there, a * a / np.where(there, share, 1.0), 0.0) / less
+            sized = ~self._unsized[which]
+            energy = np.where(raw[sized] < np.inf, raw[sized], 0.0) ** 2
+            widths = share[sized] * np.einsum("gij,gi->gj", turn[sized] ** 2, energy) / less[sized]
+            found[which] = self._summed(sized, gain, widths, there, less)
         return found
 
     @cached_property
     def _groups(self) -> list[tuple[Index, Index, Array, Array]]:
         """Hypotheses with m sizes each: their numbers, (g,), those of their columns, (g, m), and
-        the inner products, (g, m, m), and lengths of these, (g, m).
+        the inner products, (g, m, m), of these at unit length, and their lengths, (g, m).
         """
         starts, groups = np.array(self._whitened.columns.starts, int), []
         for which in self._alike:
             gram = self.products.own.of(which)
             m = gram.shape[1]
             raw = lengths(np.einsum("gii->gi", gram))
+            gram = gram / (raw[:, :, None] * raw[:, None, :])
             groups.append((which, starts[which][:, None] + np.arange(m), gram, raw))
         return groups
 
-    def _summed(self, which: Index, gain: Array, sized: Array, there: Mask, coarse: Array) -> Array:
+    @staticmethod
+    def _summed(sized: Mask, gain: Array, widths: Array, there: Mask, coarse: Array) -> Array:
         """Over every set of at least one direction of each hypothesis, each as probable as another,
-        (g,); one that the calibration takes up says nothing. gain, sized, there: (g, m).
+        (g,); one that the calibration takes up says nothing. gain, there: (g, m).
 
-        coarse: of each hypothesis, (g, 1).
+        Args:
+            sized: which hypotheses have plausible sizes, (g,).
+            widths: variance of these along their directions over that of the estimate, (k, m).
+            coarse: of each hypothesis, (g, 1).
         """
-        unsized = self._unsized[which]
         factors = np.zeros(gain.shape)
-        if unsized.any():
-            energies = ENERGIES[:, None, None] / coarse[unsized]
-            factors[unsized] = log_bayes_factor(gain[unsized], energies)
-        if not unsized.all():
-            sizes = np.asarray(SIZES[:, None, None] * np.where(there, sized, 0.0)[~unsized], float)
-            factors[~unsized] = log_bayes_factor(gain[~unsized], sizes)
+        if not sized.all():
+            energies = ENERGIES[:, None, None] / coarse[~sized]
+            factors[~sized] = log_bayes_factor(gain[~sized], energies)
+        if sized.any():
+            sizes = np.asarray(SIZES[:, None, None] * np.where(there[sized], widths, 0.0), float)
+            factors[sized] = log_bayes_factor(gain[sized], sizes)
         return any_of(np.where(there, factors, 0.0))
 
 

@@ -18,8 +18,8 @@ from tiltcal.diagnosis.search.state import Doubt, Proposal, State, refitted, rep
 from tiltcal.statistics.noise_spectrum import white_noise
 
 HIDES = 10.0  # nats that slow noise takes in a channel: white noise alone is out (20 000 to 1)
-# nats: odds of 20 to 1, from which evidence is strong (Kass, Raftery, J. Am. Stat. Assoc. 90, 1995);
-# a law that costs no more than that beyond the noise explains a channel as well
+# nats: odds of 20 to 1, where evidence is strong (Kass, Raftery, J. Am. Stat. Assoc. 90, 1995); a
+# law that costs no more than that beyond the noise explains a channel as well
 AS_WELL = 3.0
 
 

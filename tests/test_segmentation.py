@@ -251,15 +251,3 @@ def test_a_readout_that_is_set_while_the_readings_go_on_parts_a_dwell(size):
     assert len(found) == (3 if size > 1 else 2)
     if size > 1:
         assert found[1].last <= 440 <= found[2].first
-
-
-def test_a_step_of_the_readings_from_one_standstill_to_another_parts_a_dwell():
-    """A body that was turned by hand between two samples, or readings pasted together."""
-    rng = np.random.default_rng(5)
-    angle = np.concatenate([np.zeros(200), np.linspace(0, -30, 40), np.full(400, -30.0)])
-    reading = 9.8 * np.sin(np.radians(angle)) + 1e-3 * rng.normal(size=len(angle))
-    reading[440:] += 2.0
-    columns = {"accel_x_m_s2": reading, "table_outer_deg": angle}
-    found = dwells(find_segments(Recording.from_columns(np.arange(640) / 20, columns)))
-    assert len(found) == 3
-    assert found[1].last <= 440 <= found[2].first

@@ -129,6 +129,8 @@ def _never_set(values: Array, sign: Array, finest_bit: float) -> float | None:
     """The bit, if a bit of floor(values / bit) is 0 in more cycles, of either sign, than chance
     allows.
     """
+    from scipy.fft import next_fast_len, rfft
+
     span, width = float(np.ptp(values)), lsb_width(values)
     cell = max(width, finest_bit * span / IN_A_BIT)
     if len(values) < LEAST or width == 0 or not np.isfinite(span / width):
@@ -136,13 +138,13 @@ def _never_set(values: Array, sign: Array, finest_bit: float) -> float | None:
     if span < 2 * CYCLES * IN_A_BIT * cell:
         return None
     taken = _taken(values, cell)
-    n = 1 << (4 * len(taken) - 1).bit_length()
+    n = next_fast_len(4 * len(taken), real=True)
     grid = 1 / (2 * n * cell)  # of the frequencies
     coarsest, finest = CYCLES / span, 1 / (2 * max(IN_A_BIT * cell, CODES * width))
     first, last = int(np.ceil(coarsest / grid)), min(int(finest / grid), n // 2)
     # what the sharing takes off
     kept = (1 + np.cos(2 * np.pi * grid * cell * np.arange(first, last + 1, dtype=np.float32))) / 2
-    waves, enough = np.fft.rfft(taken, n)[first : last + 1] / kept, LIKE_HALF * float(taken.sum())
+    waves, enough = rfft(taken, n)[first : last + 1] / kept, LIKE_HALF * float(taken.sum())
     tried = len(waves)
     strong = np.flatnonzero(waves.real**2 + waves.imag**2 >= enough**2)
     frequency = grid * (first + strong)  # 1 / (2 bit)

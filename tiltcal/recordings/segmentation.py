@@ -22,12 +22,14 @@ from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.stamps import require_measurable
 from tiltcal.setup.pauses import breaks
+from tiltcal.setup.tables import axis_of
 
 MIN_ROWS = 4  # rows, of which any may move
 NARROWEST = 6  # rows of a window
 WINDOW = 0.5  # s
 GUARD = WINDOW / 2  # s cut off at both ends of a dwell: hands leave, structures settle
 SHORTEST = 1.0  # s, of a dwell
+SET = 0.1 * DEG  # a smaller step of a readout at standstill may be the code of a coarse encoder
 # rad/s: a gyro that reads steadily by more than this off its usual quiet reading is turning
 STEADY = 1.0 * DEG
 _MOVING = {"acceleration", "angle", "rate", "raw"}
@@ -101,25 +103,42 @@ def find_segments(
         values,
         rates,
     ) in groups:  # a long window misses the edges of a move, a short one its slow parts
-        quiet, joined = np.ones(len(rows), bool), np.ones(max(len(rows) - 1, 0), bool)
+        quiet = np.ones(len(rows), bool)
         for width in {window, min(window, WINDOW)}:
-            rows_quiet, pairs_quiet = _quiet(recording.time[rows], values, width, recording.source)
-            quiet &= rows_quiet
-            joined &= pairs_quiet
+            quiet &= _quiet(recording.time[rows], values, width, recording.source)
         moving |= _spread(
             rows, ~quiet | _turning(recording.time[rows], rates, quiet), len(recording)
         )
         parted.append(rows[breaks(recording.time[rows], values, quiet)])
-        parted.append(rows[1:][~joined])  # a step from one standstill to another
     parted.append(np.searchsorted(recording.time, joins_of(recording)))
+    parted.append(_settings(recording))
     return _segments(recording, ~moving, np.concatenate(parted), guard, shortest)
+
+
+def _settings(recording: Recording) -> Index:
+    """Rows at which a readout that stood still changes by a step, and stands still again: an angle
+    that was set or typed in while the readings went on.
+    """
+    found = [np.zeros(0, dtype=np.intp)]
+    for name in recording.column_names:
+        axis = axis_of(split_unit(name)[0])
+        if axis is None or COLUMN_UNITS[split_unit(name)[1] or "s"].quantity != "angle":
+            continue
+        angle = recording.column(name) * COLUMN_UNITS[str(split_unit(name)[1])].factor
+        rows = np.flatnonzero(~np.isnan(angle))
+        if len(rows) < 2:
+            continue
+        turned = np.abs(np.diff(angle[rows])) > SET
+        beside = np.convolve(turned, np.ones(2 * MIN_ROWS + 1), "full")[MIN_ROWS:][: len(turned)]
+        found.append(rows[np.flatnonzero(turned & (beside < 1.5)) + 1])  # itself alone
+    return np.concatenate(found)
 
 
 def standstill_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:
     """Rows at which a table's readout stands still, (n,). angles: rad, (n, axes)."""
     if len(time) < 3:
         return np.ones(len(time), bool)
-    return _quiet(time, angles, window, "readout")[0]
+    return _quiet(time, angles, window, "readout")
 
 
 def can_show_standstill(time: Array, window: float = WINDOW) -> bool:
@@ -175,13 +194,10 @@ def _turning(time: Array, rates: Array, quiet: Mask) -> Mask:
     return turning
 
 
-def _quiet(time: Array, values: Array, window: float, source: str) -> tuple[Mask, Mask]:
-    """Rows within a quiet window, (n,), and neighbours that one and the same quiet window covers,
-    (n - 1,).
-    """
+def _quiet(time: Array, values: Array, window: float, source: str) -> Mask:
     n = len(time)
     if n < MIN_ROWS:
-        return np.ones(n, bool), np.ones(max(n - 1, 0), bool)
+        return np.ones(n, bool)
     width = _width(time, window)
     if n <= width:
         raise TiltcalError(
@@ -194,8 +210,7 @@ def _quiet(time: Array, values: Array, window: float, source: str) -> tuple[Mask
     for column in values.T:
         np.maximum(ratio, _variance_ratio(np.ascontiguousarray(column), width), out=ratio)
     score = np.log10(np.maximum(ratio, 1e-3))
-    quiet = score <= _limit(score, values.shape[1], width)
-    return _cover(quiet, width, n), _cover(quiet, width - 1, n - 1)
+    return _cover(score <= _limit(score, values.shape[1], width), width, n)
 
 
 def _variance_ratio(column: Array, width: int) -> Array:
@@ -238,7 +253,7 @@ def _limit(score: Array, channels: int, width: int) -> float:
 
 
 def _cover(quiet: Mask, width: int, n: int) -> Mask:
-    """Which of n are covered by at least one quiet window of a width, (n,)."""
+    """Rows covered by at least one quiet window, (n,)."""
     steps = np.zeros(n + 1, np.int32)
     steps[: len(quiet)] += quiet
     steps[width : width + len(quiet)] -= quiet

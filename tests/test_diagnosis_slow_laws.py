@@ -2,13 +2,26 @@
 the more probable.
 """
 
+import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded
 
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.search.slow_laws import SlowLaw, probabilities
+from tiltcal.effects import CATALOGUE
+from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.statistics.noise_spectrum import NoiseFit, white_noise
 
 WARMUP = {"id": "acc_warmup", "sensor": "accel", "tau_s": 120.0}
+
+
+def resting():
+    """The same bench, which only stands."""
+    table = bench().model_dump(exclude_defaults=True, by_alias=True)
+    return parse_scenario(
+        {"schema": 1, **table, "sequence": [{"action": "rest", "dwell_s": 200.0}]}
+    )
 
 
 def diagnosed(*left_out, seed=1):
@@ -39,6 +52,33 @@ def test_a_random_walk_is_more_probably_noise():
     for one in found:
         for channel in one.noise.channels.values():
             assert sum(channel.may_be.values()) < 0.5 or one.verdict != "match"
+
+
+def test_a_channel_s_laws_are_held_against_its_own_noise():
+    """By hand: at costs of -2 and 1 beside that of the noise the odds are e^2 : e^-1 : 1. A law of
+    another channel takes nothing from them, and one effect on two sensors counts once.
+    """
+
+    def law(id, sensor, channels, more):
+        return SlowLaw(Hypothesis(CATALOGUE[id]({}, sensor, None, "found"), ()), channels, more)
+
+    found = [
+        law("acc_warmup", "accel", (0,), -2.0),
+        law("floor_tilt_drift", None, (0, 1), 1.0),
+        law("acc_warmup", "incl", (1,), 1.0),
+        law("acc_warmup", "incl", (0,), 2.0),
+    ]
+    total = np.exp(2) + np.exp(-1) + 1
+    assert list(probabilities(found, 0)) == ["acc_warmup", "floor_tilt_drift"]
+    assert probabilities(found, 0)["acc_warmup"] == pytest.approx(np.exp(2) / total)
+    assert sum(probabilities(found, 1).values()) == pytest.approx(2 / (2 + np.e))
+    assert probabilities(found, 2) == {}
+
+
+def test_noise_of_a_record_at_rest_hides_nothing():
+    truth = bench(WARMUP | {"warmup_x_ug": 120.0})
+    found = diagnose(honest(truth), [recorded(truth, 1)], static=recorded(resting(), 3))
+    assert all(channel.may_be == {} for channel in found.noise.channels.values())
 
 
 def test_white_noise_hides_nothing():

@@ -139,7 +139,7 @@ def test_a_bag_without_its_mark_is_refused_before_its_library_looks_for_it(tmp_p
     """Zeros of 64 GiB that take no room on the disk: the library reads on to the first line end."""
     with (tmp_path / "a.bag").open("wb") as file:
         file.truncate(64 << 30)
-    with pytest.raises(TiltcalError, match="another beginning than that of a ROS 1 bag"):
+    with pytest.raises(TiltcalError, match="does not begin with #ROSBAG V"):
         read_raw(tmp_path / "a.bag", FileLayout())
 
 

@@ -58,8 +58,9 @@ def _may_have_some(values: Array, noise: float) -> bool:
     """Whether some values are far off neighbours that are at one level. values: (n,)."""
     if len(values) < 2 * MIN_ROWS:
         return False
-    bends = np.abs(values[1:-1] - values[2:]) > GROSS * noise  # a cheap bound on what is far off
-    return len(_at_one_level(values, np.flatnonzero(bends) + 1)) > FEW
+    # a value at GROSS sigma is off the next one by at least that less what neighbours may be apart
+    off = np.abs(values[1:-1] - values[2:]) > (1 - ISOLATED) * GROSS * noise
+    return len(_at_one_level(values, np.flatnonzero(off) + 1)) > FEW
 
 
 def off_neighbours(values: Array, speed: Array | None = None) -> Array:

@@ -239,8 +239,16 @@ def _in_order(time: Array) -> tuple[Index, Array]:
     return order, np.diff(time[order])
 
 
-def faults_of_order(time: Array, before: int = 0) -> list[Finding]:
-    """What makes stamps not increase. time: s, (n,); before: rows of the log before these."""
+def faults_of_order(time: Array, before: int = 0, last: float = -np.inf) -> list[Finding]:
+    """What makes stamps not increase.
+
+    Args:
+        time: s, (n,).
+        before: rows of the log before these.
+        last: the stamp of the last of them, s.
+    """
+    if before:
+        time, before = np.append(last, time), before - 1
     if np.all(np.diff(time) > 0):
         return []
     log = Log(time, {}, before=before)

@@ -35,9 +35,7 @@ def require_onward(time: Array, source: str, before: int = 0, last: float = -np.
             need="finite time stamps",
             do="correct it",
         )
-    if before:
-        time, before = np.append(last, time), before - 1
-    for fault in faults_of_order(time, before):
+    for fault in faults_of_order(time, before, last):
         raise TiltcalError(
             source,
             found=fault.statement,

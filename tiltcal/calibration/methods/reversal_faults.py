@@ -143,7 +143,11 @@ def _wrong_angle(r: Reversal, rest: Fit, k: int) -> str:
     left = np.linalg.norm(seen[:, None] - turned, axis=0)
     angle = float(trial[int(np.argmin(left))])
     off = float(np.angle(np.exp(1j * (angle - r.angles[k])))) / DEG
-    what = f"it fits {off:+.2f} deg off its angle" if abs(off) > STEP else "not by its angle"
+    what = (
+        f"it fits {off:+.2f} deg off its angle"
+        if abs(off) > STEP
+        else "and no other angle fits it better"
+    )
     return f"position {k + 1} disagrees with the others, {what}; repeat it"
 
 

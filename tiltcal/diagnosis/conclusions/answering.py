@@ -16,9 +16,9 @@ from tiltcal.diagnosis.conclusions.other_findings import (
     finding_of,
     nameless_doubts,
     nameless_findings,
+    not_noise,
     repeated_stamps,
     rows_out_of_order,
-    slow_doubts,
 )
 from tiltcal.diagnosis.conclusions.residual_plots import spectra_of, views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
@@ -123,10 +123,15 @@ def _doubts_of(said: Explained, untested: Sequence[str]) -> list[str]:
     """What is more probable than not, and not probable enough to be claimed, and what was not
     tested; nothing without.
     """
-    named = {slow.law.effect.id for slow in said.in_noise}
-    doubts = (d for d in said.doubts if d.law.effect.id not in named)
+    channels, slow = said.whitened.observations.channels, not_noise(said)
+    named = {s.law.place for s in said.in_noise if slow.keys() & set(s.channels)}
+    doubts = (d for d in said.doubts if d.law.place not in named)
     causes = [(law_name(d.law.effect), d.probability) for d in doubts]
-    told = [*causes, *nameless_doubts(said), *slow_doubts(said)]
+    hidden = [
+        (f"a listed effect in the slow noise of {channels[n].sensor} {channels[n].axis}", chance)
+        for n, chance in slow.items()
+    ]
+    told = [*causes, *nameless_doubts(said), *hidden]
     return [*([doubted(told)] if told else []), *untested]
 
 

@@ -18,7 +18,7 @@ from tiltcal.core.units import G0
 from tiltcal.diagnosis.conclusions.residual_plots import unit_of
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.finding_tests import ALPHA, log_tail
-from tiltcal.diagnosis.search.slow_laws import SlowLaw
+from tiltcal.diagnosis.search.slow_laws import SlowLaw, probabilities
 from tiltcal.effects import CATALOGUE, Parameter
 from tiltcal.effects.sensor.noise import Noise
 from tiltcal.statistics.noise_spectrum import Amplitude, NoiseFit, NoiseModel
@@ -234,8 +234,7 @@ def noise_report(
         if channel.recording:
             name = f"{name}_recording_{channel.recording + 1}"
         noise = _channel_noise(channel, observations, channel.waves(r), fit)
-        may_be = {s.law.effect.id: s.probability for s in in_noise if number in s.channels}
-        found[name] = replace(noise, depends=own, may_be=may_be)
+        found[name] = replace(noise, depends=own, may_be=probabilities(in_noise, number))
         notes += [d.words(channel) for d in own[:1]]
     return NoiseReport(source, found, tuple(notes))
 

@@ -19,6 +19,7 @@ from tiltcal.diagnosis.residual_checks.random_motion import RandomMotion
 from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation
 from tiltcal.diagnosis.search.candidates import CREDIBLE
 from tiltcal.diagnosis.search.explained import CLAIM, DOUBTED, Explained
+from tiltcal.diagnosis.search.slow_laws import probabilities
 from tiltcal.effects.parameter import by_name
 from tiltcal.setup.sensor import Sensor
 
@@ -83,16 +84,13 @@ def nameless_findings(said: Explained) -> list[Finding]:
     return [f for chance, f in _all_of(said) if chance >= CLAIM]
 
 
-def slow_doubts(said: Explained) -> list[tuple[str, float]]:
-    """Channels whose slow noise is more probably one of some laws than noise, in words, each with
-    the probability.
+def not_noise(said: Explained) -> dict[int, float]:
+    """Numbers of the channels whose slow noise is more probably one of some listed effects than
+    noise, each with that probability.
     """
-    found: dict[str, float] = {}
-    for number, channel in enumerate(said.whitened.observations.channels):
-        laws = [law for law in said.in_noise if number in law.channels]
-        if (chance := sum(law.probability for law in laws)) > DOUBTED:
-            found[f"a law in the slow noise of {channel.sensor} {channel.axis}"] = chance
-    return list(found.items())
+    numbers = {number for law in said.in_noise for number in law.channels}
+    chances = {n: sum(probabilities(said.in_noise, n).values()) for n in sorted(numbers)}
+    return {n: chance for n, chance in chances.items() if chance > DOUBTED}
 
 
 def nameless_doubts(said: Explained) -> list[tuple[str, float]]:

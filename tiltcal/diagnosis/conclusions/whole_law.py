@@ -125,7 +125,7 @@ def _columns(
 
 
 def _untold(columns: Array, lead: int, unused: Array, size: float) -> Mask:
-    """Which sizes that were left at zero the recording does not tell from those of the leading
+    """Which sizes that were left at zero the recording cannot separate from those of the leading
     term, (q,).
 
     Args:

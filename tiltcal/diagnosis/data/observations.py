@@ -64,7 +64,9 @@ class Channel:
 
     @property
     def uncertainty(self) -> Array | float:
-        """The part of the spread that is that of what is predicted, at least 1, (n,)."""
+        """How uncertain the prediction makes each row, in units of the noise at rest, at least 1,
+        (n,).
+        """
         if self.spread is None:
             return 1.0
         return self.spread if self.growth is None else self.spread / self.growth
@@ -269,18 +271,18 @@ class Observations(ABC):
     def _left_by(self, effects: Sequence[Effect]) -> "_Left":
         """What a model with these effects leaves: one of those that were asked for last, or new."""
         asked = tuple(effects)
-        found = next((one for one in self._lately if one.effects == asked), None)
+        found = next((one for one in self._recent if one.effects == asked), None)
         if found is None:
             pairs = zip(self.channels, self.predict(effects), strict=True)
             found = _Left(asked, self.channels, [np.nan_to_num(c.values - p) for c, p in pairs])
             for r in found.values:
                 r.flags.writeable = False
-        others = [one for one in self._lately if one is not found]
-        self._lately[:] = [found, *others[: KEPT - 1]]
+        others = [one for one in self._recent if one is not found]
+        self._recent[:] = [found, *others[: KEPT - 1]]
         return found
 
     @cached_property
-    def _lately(self) -> "list[_Left]":
+    def _recent(self) -> "list[_Left]":
         """What was asked for last, first."""
         return []
 

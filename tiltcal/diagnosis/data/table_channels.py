@@ -175,7 +175,7 @@ class TableObservations(Observations):
         other = copy(self)
         other.block, other._rows, other._blocks, other._watches = block, [], [], {}
         other._around, other._bent, other._whole = None, [], self
-        for name in ("_grids", "_samplings", "_curves", "_lately"):
+        for name in ("_grids", "_samplings", "_curves", "_recent"):
             other.__dict__.pop(name, None)
         other.channels = tuple(other._channels())
         means = [blocks.means for blocks in other._blocks]
@@ -238,7 +238,7 @@ class TableObservations(Observations):
         if self._whole is not None:
             whole = self._means(self._whole.predict(effects))
             self._bent = [w - m for w, m in zip(whole, self._middles(effects), strict=True)]
-            self._lately.clear()
+            self._recent.clear()
         return self.block > 1
 
     def quick(self, effect: Effect) -> bool:

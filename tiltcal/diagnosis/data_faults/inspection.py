@@ -217,7 +217,7 @@ def in_order(
         return recording, []
     before_it = np.maximum.accumulate(np.where(keep, time, last))
     wrong = int((~keep & np.isfinite(time) & (time != before_it)).sum())
-    faults = faults_of_order(np.append(last, time), before - 1) if before else faults_of_order(time)
+    faults = faults_of_order(time, before, last)
     words = faults[0].statement if faults else "time_s: a stamp is missing"
     rows = LeftOut(before + int(np.argmin(keep)) + 1, count, wrong, recording.source, words)
     columns = {name: recording.column(name)[keep] for name in recording.column_names}

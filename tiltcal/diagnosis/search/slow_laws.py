@@ -30,19 +30,28 @@ class SlowLaw:
     Args:
         law: of the catalogue.
         channels: numbers of those whose slow noise it takes up.
-        probability: that it is there, against the noise and the other laws.
+        more: what the model with it costs more than the model with that noise, nats.
     """
 
     law: Hypothesis
     channels: tuple[int, ...]
-    probability: float
+    more: float
+
+
+def probabilities(found: Sequence[SlowLaw], channel: int) -> dict[str, float]:
+    """Ids of the laws that the slow noise of a channel may be, each with its probability against
+    this noise and the other laws, the most probable first.
+    """
+    own = {law.law.effect.id: law.more for law in reversed(found) if channel in law.channels}
+    every = logsumexp([0.0, *(-more for more in own.values())])
+    return {id: float(np.exp(-own[id] - every)) for id in sorted(own, key=lambda id: own[id])}
 
 
 def slow_laws(
     state: State, noise_source: NoiseSource, doubts: Sequence[Doubt]
 ) -> tuple[SlowLaw, ...]:
-    """The listed laws that explain the slow noise which a model leaves as well as noise does, the
-    most probable first.
+    """The listed laws that explain the slow noise which a model leaves as well as noise does, those
+    that cost least first.
 
     Each is added to the model, and the noise estimated again beside it: it counts where that costs
     at most ``AS_WELL`` more. Nothing is asked where the noise was taken from a record at rest.
@@ -63,15 +72,13 @@ def slow_laws(
         with_law = refitted(with_new(state, proposal))
         with_law = repriced(with_law, noise_source.left_by(with_law.fitted, with_law.whitened))
         tried.append((proposal.explanation.hypothesis, with_law, with_law.cost - state.cost))
-    costs: dict[object, tuple[float, Hypothesis, tuple[int, ...]]] = {}
-    for law, with_law, more in tried:
+    found: dict[object, SlowLaw] = {}
+    for law, with_law, more in sorted(tried, key=lambda one: one[2]):
         fits = with_law.whitened.fits
         taken = tuple(i for i in hiding if fits[i].slow_gain < before[i] / 2)
-        if taken and more < costs.get(law.effect.id, (AS_WELL,))[0]:
-            costs[law.effect.id] = more, law, taken
-    ranked = sorted(costs.values(), key=lambda told: told[0])
-    every = logsumexp([0.0, *(-more for more, _, _ in ranked)])
-    return tuple(SlowLaw(law, taken, float(np.exp(-more - every))) for more, law, taken in ranked)
+        if taken and more < AS_WELL:
+            found.setdefault(law.place, SlowLaw(law, taken, more))
+    return tuple(found.values())
 
 
 def _proposed(state: State, hiding: Sequence[int]) -> list[Proposal]:

@@ -108,7 +108,7 @@ def read_bag(path: Path, budget: ReadBudget) -> RawFile:
             if file.read(len(_MARK)) != _MARK:  # the library looks for the end of its line
                 raise TiltcalError(
                     f"foreign recording {path.name}",
-                    found="another beginning than that of a ROS 1 bag",
+                    found=f"a file that does not begin with {_MARK.decode()}",
                     need="a whole ROS bag",
                     do="check the file, or export it again",
                 )

@@ -293,3 +293,27 @@ def test_the_noise_of_a_rate_says_how_far_a_few_samples_of_a_ramp_are_off():
     off = np.abs(found.rate - rate)
     assert off.max() > 1e-3
     assert (off < 2 * found.noise + 1e-12).all()
+
+
+def test_where_a_motion_begins_between_samples_every_row_near_by_is_uncertain():
+    """The window that bends over the instant has its error at more than one row, and at one of
+    them the rates around it may agree by chance with an acceleration that is off.
+    """
+    draw = np.random.default_rng(1)
+    time, ramp = np.arange(0, 6, STEP), 0.4
+    for _ in range(400):
+        start, lasts = 2 + draw.uniform(0, STEP), draw.uniform(ramp, 1.5)
+        rate = draw.uniform(0.2, 1.0)
+        up, down = (time - start) / ramp, (time - start - lasts) / ramp
+        a, b = np.clip(up, 0, 1), np.clip(down, 0, 1)
+        # the rate goes up and down by u2 (3 - 2 u)
+        angle = a**3 * (1 - a / 2) + np.maximum(up - 1, 0) - b**3 * (1 - b / 2)
+        angle = rate * ramp * (angle - np.maximum(down - 1, 0))
+        truth = rate * 6 / ramp * (a * (1 - a) - b * (1 - b))
+        still = (time < start) | (time > start + lasts + ramp)
+        # read to 0.0001 deg
+        read = np.radians(np.round(np.degrees(angle), 4))
+        found = differentiate(time, read, still)
+        off = np.abs(found.acceleration - truth)[~still]
+        # beyond what a reading of 1 mm/s2 at 0.1 m shows
+        assert np.all(off < 4 * np.hypot(0.01, found.acceleration_noise[~still]))

@@ -297,7 +297,7 @@ def _of_stretch(time: Array, angle: Array, still: Mask, readout_noise: float | N
     other = np.sqrt(
         CHOSEN**2 * SHARED * bending
         + (stamp_noise * jerk) ** 2
-        + _unresolved(time / step, v, a, np.where(still, 0.0, variance))
+        + _unresolved(time / step, v, a, np.where(still, 0.0, variance), still)
     )
     return Rates(v / step, a / step**2, noise / step, other / step**2)
 
@@ -333,14 +333,17 @@ def _by_windows(
     return np.where(still, 0.0, v), np.where(still, 0.0, a), variance, bending
 
 
-def _unresolved(time: Array, v: Array, a: Array, variance: Array) -> Array:
+def _unresolved(time: Array, v: Array, a: Array, variance: Array, still: Mask) -> Array:
     """Square of what an acceleration is off the mean over the time from one neighbour to the other,
     beyond the noise of the rates there, (n,): what bends within so few samples is not resolved, and
-    an instrument takes as long to follow.
+    an instrument takes as long to follow. A row that moves is as uncertain as the next ones are:
+    one window bends over all of them, and at one of them the two may agree by chance.
     """
     mean = np.gradient(v, time)
     noise = np.convolve(variance, (0.25, 0.0, 0.25), "same")
-    return np.asarray(np.maximum((a - mean) ** 2 - noise, 0.0))
+    found = np.maximum((a - mean) ** 2 - noise, 0.0)
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(found, 1), 3).max(axis=1)
+    return np.asarray(np.where(still, found, around))
 
 
 def _on_lines(u: Array, noise: Array) -> Mask:

@@ -69,7 +69,7 @@ def noise_dependences(
         noise: of each.
     """
     tests = [
-        dict(_tests(_coordinates(observations, channel, r), _own_noise(channel, r, model)))
+        dict(_tests(_coordinates(observations, channel, r), *_own_noise(channel, r, model)))
         if not channel.derived
         else {}
         for channel, r, model in zip(observations.channels, residuals, noise, strict=True)
@@ -78,10 +78,14 @@ def noise_dependences(
     return [_significant(each, tried) for each in tests]
 
 
-def _own_noise(channel: Channel, residual: Array, noise: NoiseModel) -> Array:
-    """A whitened residual that grows with the motion as the channel's own noise does, (n,)."""
+def _own_noise(channel: Channel, residual: Array, noise: NoiseModel) -> tuple[Array, Array]:
+    """A whitened residual that grows with the motion as the channel's own noise does, and all that
+    the residual does, (n,) each: between them lies how large the noise is where the prediction is
+    uncertain.
+    """
     white = noise.whiten(channel.weighed(residual))
-    return white if channel.growth is None else white * channel.growth
+    least = white if channel.growth is None else white * channel.growth
+    return least, least * channel.uncertainty
 
 
 def _significant(
@@ -96,17 +100,27 @@ def _significant(
 
 
 def _tests(
-    coordinates: Mapping[str, Array], white: Array
+    coordinates: Mapping[str, Array], least: Array, most: Array
 ) -> Iterator[tuple[str, tuple[float, float]]]:
-    """Of each coordinate that varies: log p-value, and the ratio of standard deviations."""
-    power = white**2
+    """Of each coordinate that varies: log p-value, and the ratio of standard deviations, where the
+    least and the most that the noise can be agree on which half is noisier.
+    """
     for name, u in coordinates.items():
         varies = len(u) > 2 and np.ptp(u) > ROUNDING * np.abs(u).max()
-        if varies and np.isfinite(u).all() and np.var(power) > 0:
-            statistic = len(u) * float(np.corrcoef(u, power)[0, 1]) ** 2
-            high = u > (u.min() + u.max()) / 2
-            ratio = power[high].mean() / max(power[~high].mean(), np.finfo(float).tiny)
-            yield name, (log_tail(statistic, 1), float(np.sqrt(ratio)))
+        if not varies or not np.isfinite(u).all() or np.var(least) == 0:
+            continue
+        found = [_test(u, white**2) for white in (least, most)]
+        ratios = [ratio for _, ratio in found]
+        if max(ratios) < 1 or min(ratios) > 1:
+            yield name, max(found)
+
+
+def _test(u: Array, power: Array) -> tuple[float, float]:
+    """Log p-value of squares that depend on a coordinate, and the ratio of standard deviations."""
+    statistic = len(u) * float(np.corrcoef(u, power)[0, 1]) ** 2
+    high = u > (u.min() + u.max()) / 2
+    ratio = power[high].mean() / max(power[~high].mean(), np.finfo(float).tiny)
+    return log_tail(statistic, 1), float(np.sqrt(ratio))
 
 
 def _coordinates(observations: Observations, channel: Channel, residual: Array) -> dict[str, Array]:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from autoregressive_noise import AutoRegressive2
-from diagnosis_fixtures import bench, honest, recorded, rewritten, shorter
+from diagnosis_fixtures import NOISE, SENSORS, bench, honest, recorded, rewritten, shorter
 from scipy.stats import binom, norm
 from statistics_helpers import FALSE_ALARM
 
@@ -275,3 +275,38 @@ def test_noise_that_grows_with_motion_is_noted(rng):
     for own in noise_dependences(prepared.observations, noise, [white_noise(TINY)] * 3):
         assert own[0].coordinate == "motion"
         assert own[0].ratio == pytest.approx(2.0, rel=0.15)
+
+
+SWEEP = [
+    {"action": "rest", "dwell_s": 5.0},
+    {"action": "sweep", "outer_deg": 360.0, "step_deg": 15.0, "dwell_s": 5.0},
+    {"action": "move", "inner_deg": 90.0, "rate_deg_s": 40.0, "dwell_s": 5.0},
+    {"action": "sweep", "outer_deg": 0.0, "step_deg": 15.0, "dwell_s": 5.0},
+]
+
+
+@pytest.mark.parametrize("left_out", [None, {"id": "acc_K2", "k2_x_ug_g2": 3000.0}])
+def test_an_inclinometer_is_diagnosed_through_the_poles_of_its_arcsine(left_out):
+    """Biases of 20 mg are read as degrees there, and no linear model holds."""
+    truth = parse_scenario(
+        {
+            "schema": 1,
+            "name": "round twice",
+            "site": {"gravity_m_s2": 9.81},
+            "rig": {"table": "dual"},
+            "sensor": [SENSORS["incl"]],
+            "sequence": SWEEP,
+            "effect": [
+                NOISE["incl"],
+                {"id": "acc_bias", "bias_x_ug": -17680.0, "bias_y_ug": -12020.0},
+                {"id": "acc_scale", "scale_x_ppm": 5034.0, "scale_y_ppm": 3008.0},
+                {"id": "acc_cross_axis", "cross_yx_ppm": -4547.0, "cross_xy_ppm": 3991.0},
+                *([left_out | {"sensor": "incl"}] if left_out else []),
+            ],
+        }
+    )
+    found = diagnose(honest(truth), [recorded(truth, 1)])
+    assert [f.effect for f in found.findings] == ([left_out["id"]] if left_out else [])
+    assert (found.verdict == "match") is (left_out is None)
+    assert found.after.chi2_per_dof == pytest.approx(1, abs=0.15)
+    assert any("so near +-90 deg" in note for note in found.notes)

@@ -140,6 +140,22 @@ def tilt_of_force(force: Array, g: float) -> Array:
     return np.asarray(np.arcsin(np.clip(force / g, -1.0, 1.0)))
 
 
+# of gravity: the typical bias of an accelerometer in the catalogue of effects. It may change the
+# derivative of the arcsine at s, 1/cos, by the part |s| 0.025 / cos^2; Newton's steps towards an
+# adjustment need less than a half
+STEEP = 0.025
+
+
+def is_steep(tilt: Array) -> Array:
+    """Whether elevations are so near +-90 deg, where the arcsine has a pole, that the bias of an
+    ordinary accelerometer turns its derivative into another, (n,): from 77 deg on.
+
+    Args:
+        tilt: elevation, rad, (n,).
+    """
+    return np.asarray(np.cos(tilt) ** 2 < 2 * STEEP * np.abs(np.sin(tilt)))
+
+
 def force_of_tilt(tilt: Array, g: float) -> Array:
     """Specific force along an axis of elevation ``tilt`` (rad), m/s2: ``g sin(tilt)``.
 

@@ -17,6 +17,7 @@ from tiltcal.diagnosis.conclusions.other_findings import (
     nameless_doubts,
     nameless_findings,
     not_noise,
+    readings_near_pole,
     repeated_stamps,
     rows_out_of_order,
 )
@@ -142,7 +143,9 @@ def _out_of_order(prepared: PreparedData) -> list[Finding]:
 
 def _notes_of(prepared: PreparedData) -> tuple[str, ...]:
     """What is no mismatch of the recordings."""
-    return (*prepared.notes, *repeated_stamps(prepared.left_out))
+    sensors, sources = prepared.observations.scenario.sensor, prepared.observations.sources
+    unused = readings_near_pole(sensors, sources)
+    return (*prepared.notes, *repeated_stamps(prepared.left_out), *unused)
 
 
 def _noise_notes(noise: NoiseReport, said: Explained) -> list[str]:

@@ -8,6 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
+import numpy as np
+
+from tiltcal.core.frames import is_steep
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
 from tiltcal.diagnosis.conclusions.parts import part_of
 from tiltcal.diagnosis.conclusions.statements import step_for_one
@@ -21,6 +24,7 @@ from tiltcal.diagnosis.search.candidates import CREDIBLE
 from tiltcal.diagnosis.search.explained import CLAIM, DOUBTED, Explained
 from tiltcal.diagnosis.search.slow_laws import probabilities
 from tiltcal.effects.parameter import by_name
+from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 
 
@@ -48,6 +52,20 @@ def rows_out_of_order(left_out: Sequence[LeftOut], sensors: Sequence[Sensor]) ->
 def repeated_stamps(left_out: Sequence[LeftOut]) -> list[str]:
     """Stamps that only repeat, as notes: they may be rounded."""
     return [rows.words for rows in by_recording(left_out) if not rows.out_of_order]
+
+
+def readings_near_pole(sensors: Sequence[Sensor], recordings: Sequence[Recording]) -> list[str]:
+    """Readings of an inclinometer that nothing is fitted to, as notes."""
+    found = []
+    for sensor in (s for s in sensors if s.kind == "inclinometer"):
+        read = [r.sensor(sensor).values for r in recordings if r.has(sensor)]
+        left = sum(int(is_steep(values).sum()) for values in read)
+        if left:
+            found.append(
+                f"{sensor.name}: {left} of {sum(np.isfinite(v).sum() for v in read)} readings are"
+                " so near +-90 deg, where the arcsine has a pole, that nothing is fitted to them"
+            )
+    return found
 
 
 def _or_another(fault: Fault) -> str:

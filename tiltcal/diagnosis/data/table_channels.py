@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
+from tiltcal.core.frames import is_steep
 from tiltcal.diagnosis.data.block_grid import BlockGrid, SampleBlocks, Sampling, mean_times
 from tiltcal.diagnosis.data.curve_columns import CurveColumns
 from tiltcal.diagnosis.data.observations import Channel, Columns, CurveFactors, Observations
@@ -27,6 +28,7 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay, replay
 from tiltcal.recordings.span_means import AVERAGED
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.trajectory import Jet
 from tiltcal.statistics.cosine_transform import quick_length
 from tiltcal.statistics.dwell_noise import white_at_standstill
@@ -133,6 +135,13 @@ def _by_noise(axis: str, course: Replay, watch: NominalMotion) -> Iterator[dict[
         yield watch.by_motion(axis, Jet(nothing, nothing, acceleration))
 
 
+def _unusable(sensor: Sensor, values: Array) -> Array:
+    """Which readings of a channel no linear model holds for, (n,): those of an inclinometer near
+    the pole of its arcsine.
+    """
+    return is_steep(values) if sensor.kind == "inclinometer" else np.zeros(len(values), dtype=bool)
+
+
 QUICK = 0.1  # periods within a block, at most, that its middle may stand for
 
 
@@ -193,7 +202,8 @@ class TableObservations(Observations):
                 samples = recording.sensor(sensor)
                 known = course.known[samples.rows]
                 for k, axis in enumerate(sensor.axes):
-                    there = np.flatnonzero(known & ~np.isnan(samples.values[:, k]))
+                    value = samples.values[:, k]
+                    there = np.flatnonzero(known & ~np.isnan(value) & ~_unusable(sensor, value))
                     there = there[: quick_length(len(there))]
                     if len(there) <= 8:
                         continue

@@ -10,7 +10,7 @@ from math import asin, cos, radians, sin, sqrt
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG, EARTH_RATE
 
@@ -146,7 +146,7 @@ def tilt_of_force(force: Array, g: float) -> Array:
 STEEP = 0.025
 
 
-def is_steep(tilt: Array) -> Array:
+def is_steep(tilt: Array) -> Mask:
     """Whether elevations are so near +-90 deg, where the arcsine has a pole, that the bias of an
     ordinary accelerometer turns its derivative into another, (n,): from 77 deg on.
 

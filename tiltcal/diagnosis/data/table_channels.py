@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index
+from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.frames import is_steep
 from tiltcal.diagnosis.data.block_grid import BlockGrid, SampleBlocks, Sampling, mean_times
 from tiltcal.diagnosis.data.curve_columns import CurveColumns
@@ -135,7 +135,7 @@ def _by_noise(axis: str, course: Replay, watch: NominalMotion) -> Iterator[dict[
         yield watch.by_motion(axis, Jet(nothing, nothing, acceleration))
 
 
-def _unusable(sensor: Sensor, values: Array) -> Array:
+def _unusable(sensor: Sensor, values: Array) -> Mask:
     """Which readings of a channel no linear model holds for, (n,): those of an inclinometer near
     the pole of its arcsine.
     """

@@ -373,3 +373,13 @@ def test_counts_of_another_quantity_are_refused():
         TiltcalError, match=r"states counts per angle, need per acceleration: per_m"
     ):
         parse_scenario(tomllib.loads(text), "x.toml")
+
+
+def test_a_number_that_counts_from_zero_may_be_zero_and_one_that_divides_not():
+    """The first stop has the number 0."""
+    label = "[[effect]]\nid = 'data_pose_label'\naxis = 'outer'\nerror_arcsec = 3600.0\nstop = 0\n"
+    (effect,) = parse_scenario(tomllib.loads(MINIMAL + label)).effects
+    assert effect.value("stop") == 0
+    warming = "[[effect]]\nid = 'acc_warmup'\nwarmup_x_ug = 5\ntau_s = 0\n"
+    with pytest.raises(TiltcalError, match="need a value > 0"):
+        parse_scenario(tomllib.loads(MINIMAL + warming))

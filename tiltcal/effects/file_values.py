@@ -11,15 +11,16 @@ LARGEST = 1e30  # of a size: its powers are still numbers
 
 
 def check_allowed(parameter: Parameter, number: float, value: Any, subject: str) -> None:
-    """Widths, deviations and times are not negative; what divides (it has a default) is not
-    zero.
+    """Widths, deviations and times are not negative; what divides (it has a default, and counts
+    nothing) is not zero.
 
     Raises:
         TiltcalError: the number is not allowed.
     """
     if parameter.positive and number < 0:
         raise TiltcalError(subject, found=f"{value}", need="a value >= 0", do="correct its sign")
-    if parameter.positive and parameter.default and number == 0:
+    divides = parameter.positive and parameter.default and not parameter.whole
+    if divides and number == 0:
         raise TiltcalError(
             subject, found=f"{value}", need="a value > 0", do="leave it out, or give its size"
         )

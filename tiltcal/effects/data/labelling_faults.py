@@ -141,7 +141,7 @@ class DataPoseLabel(WritingEffect):
     title = "wrong angle or label written"
     parameters = (
         Parameter("error", "arcsec", (3600, 36000, 324000)),
-        Parameter("stop", "", (20, 20, 20), positive=True, default=1.0),
+        Parameter("stop", "", (20, 20, 20), positive=True, default=1.0, whole=True),
     )
     physics = "The operator mistypes one angle."
     equation = "written = readout + error during one dwell (stop number, from 0)"

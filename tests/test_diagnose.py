@@ -171,3 +171,21 @@ def test_the_command_writes_the_answer_the_amended_scenario_and_an_offline_repor
 def test_a_scenario_that_holds_the_truth_is_refused(files, capsys):
     assert main(["diagnose", str(files / "run.csv"), "--scenario", str(files / "told.toml")]) == 2
     assert 'role = "concealed"' in capsys.readouterr().err
+
+
+def test_what_is_held_out_is_predicted_where_one_dwell_alone_determines_a_term():
+    """Of the outer angle only 0 and 90 deg are visited: without the first dwell nothing says what
+    the third axis reads under load.
+    """
+    steps = [
+        {"action": "move", "outer_deg": 90.0, "dwell_s": 4.0},
+        {"action": "sweep", "inner_deg": 360.0, "step_deg": 30.0, "dwell_s": 4.0},
+    ]
+    left_out = {"id": "table_encoder_eccentricity", "axis": "inner"}
+    truth = bench(left_out | {"cos_arcsec": -30.0, "sin_arcsec": 50.0})
+    table = truth.model_dump(exclude_defaults=True, by_alias=True)
+    truth = parse_scenario({"schema": 1, **table, "sequence": steps})
+    found = diagnose(honest(truth), [recorded(truth, 1)])
+    assert found.before.heldout_chi2_per_dof > found.before.chi2_per_dof
+    assert found.after.heldout_chi2_per_dof == pytest.approx(found.after.chi2_per_dof, rel=0.1)
+    json.dumps(found.to_json(), allow_nan=False)

@@ -61,7 +61,8 @@ class _Folded:
     Args:
         whitened: whose channels.
         columns: whitened cosine coefficients per plausible size of each value.
-        target: of the fit, whitened cosine coefficients, by channel, (n,).
+        target: of the fit, whitened cosine coefficients, by channel, (n,): what the adjustable
+            terms leave. They are fitted again, each about its value.
         expected: information that there is beforehand about each value, (p,).
         grams: of the columns and the target, of each fold.
     """
@@ -81,12 +82,12 @@ class _Folded:
             [v / t.hypothesis.size(n) for t in used for n, v in zip(t.names, t.values, strict=True)]
         )
         target = list(whitened.residual(fitted.effects))
-        for column, value in zip(columns, values, strict=True):
+        free = sum(len(t.names) for t in fitted.nuisance)
+        for column, value in zip(columns[free:], values[free:], strict=True):
             for i, part in column.items():
                 target[i] = target[i] + part * value
-        free = sum(len(t.names) for t in fitted.nuisance)
         expected = np.array(
-            [0.0] * free + [1 / max(v * v, np.finfo(float).tiny) for v in values[free:]]
+            [1.0] * free + [1 / max(v * v, np.finfo(float).tiny) for v in values[free:]]
         )
         empty = np.zeros((FOLDS, len(columns) + 1, len(columns) + 1))
         folded = cls(whitened, columns, target, expected, empty)
@@ -109,10 +110,12 @@ class _Folded:
             yield mine, idct(waves, norm="ortho", axis=1), _folds(channel.stop)
 
     def solved(self) -> list[Array]:
-        """The values fitted without each fold, (p,).
+        """The values fitted without each fold, (p,), those of the adjustable terms less what they
+        are in the whole fit.
 
         What the other blocks do not tell of a size is shrunk towards zero: it is expected to be as
-        large as it was found, not larger.
+        large as it was found, not larger. What they do not tell of an adjustable term (a scale
+        factor that one dwell alone determines) stays as it was.
         """
         whole = self.grams.sum(axis=0)
         return [_solve(whole - G, self.expected) for G in self.grams]

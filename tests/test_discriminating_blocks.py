@@ -230,6 +230,24 @@ def test_too_few_poses_ask_for_more() -> None:
     assert "No name fits" in plan.statement
 
 
+def test_no_block_is_asked_for_twice() -> None:
+    asked = ambiguous({"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2", "acc_K3")
+    known, recording, told, amended = asked
+    done: list[str] = []
+    for _ in range(3):
+        plan = next_block(known, [recording], told, amended, Limits(), silent, None, done)
+        if plan.proposal is None:
+            break
+        assert not set(plan.proposal.block.name.split(" + ")) & set(done)
+        done += plan.proposal.block.name.split(" + ")
+    assert done
+    untested = {"verdict": "cannot_tell", "findings": []}
+    every = [b for b in blocks_of(known) if b.startswith("reverse")]
+    plan = next_block(known, [recording], untested, amended, Limits(), silent, None, every)
+    assert plan.proposal is None
+    assert "all poses that this table can add were recorded" in plan.statement
+
+
 def test_a_name_that_may_be_none_of_the_list_asks_for_more_poses() -> None:
     known, recording, told, amended = ambiguous(
         {"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2", "unlisted"

@@ -44,10 +44,10 @@ def silent(words: str) -> None:
     pass
 
 
-def some_recording() -> Recording:
+def some_recording(reading: float = 0.0) -> Recording:
     time = np.arange(50) / 25
     return Recording.from_columns(
-        time, {"table_outer_deg": 0 * time, "accel_x_m_s2": 0 * time}, source="some"
+        time, {"table_outer_deg": 0 * time, "accel_x_m_s2": 0 * time + reading}, source="some"
     )
 
 
@@ -62,8 +62,9 @@ class Recorder:
         self.asked.append(sequence.name)
         if len(self.asked) == self.fails_at:
             raise TiltcalError("laboratory", found="smoke", need="none", do="open a window")
-        write_recording(some_recording(), str(recording))
-        return some_recording()
+        made = some_recording(float(sequence.stem.split("_")[1]))
+        write_recording(made, str(recording))
+        return made
 
 
 class Doctor:
@@ -185,6 +186,23 @@ def test_a_laboratory_that_fails_loses_nothing_and_the_rest_is_done_on_resuming(
     assert doctor.asked == [0, 3]
     assert state.verdicts == ("ambiguous", "ambiguous", "explained")
     assert (tmp_path / "recording_1.csv").read_bytes() == kept
+
+
+class Copier(Recorder):
+    """Returns what it recorded first."""
+
+    def record(self, sequence: Path, recording: Path) -> Recording:
+        super().record(sequence, recording)
+        write_recording(some_recording(1.0), str(recording))
+        return some_recording(1.0)
+
+
+def test_a_laboratory_that_returns_what_it_returned_before_is_named(tmp_path: Path) -> None:
+    doctor, lab = Doctor("ambiguous", "ambiguous", "ambiguous"), Copier()
+    with pytest.raises(TiltcalError, match=r"the same readings as in recording_1.csv"):
+        investigate(bench_of(tmp_path, doctor, lab), [first_of(tmp_path)], silent)
+    kept = read_investigation(tmp_path / "investigation.json")
+    assert [e.recording for e in kept.entries] == ["recording_1.csv"]
 
 
 def test_a_finished_investigation_resumed_does_nothing_more(tmp_path: Path) -> None:

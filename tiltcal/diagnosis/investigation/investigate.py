@@ -167,9 +167,27 @@ def _run(
     )
     write_text(sequence, sequence_text(steps, at.scenario.rig))
     progress(f"recording {said[0]}")
-    at.laboratory.record(sequence, recording)
+    made = at.laboratory.record(sequence, recording)
+    _require_new(made, _files(at, state))
     entry = Entry(*said, sequence.name, recording.name)
     return _kept(at, replace(state, entries=(*state.entries, entry)))
+
+
+def _require_new(made: Recording, earlier: Sequence[Path]) -> None:
+    """Refuse a recording that is there already.
+
+    Raises:
+        TiltcalError: it has the readings of an earlier one.
+    """
+    for path in earlier:
+        if read_recording(path).fingerprint == made.fingerprint:
+            raise TiltcalError(
+                "laboratory (--lab)",
+                found=f"the same readings as in {path.name}",
+                need="a new recording of each sequence",
+                do="see what the command writes to its second argument; nothing is lost, go on with"
+                " --resume",
+            )
 
 
 def _diagnosed(at: InvestigationSetup, state: Investigation, progress: Progress) -> Investigation:
@@ -201,7 +219,9 @@ def _plan(
     folder = at.folder / f"diagnosis_{len(state.entries)}"
     amended = read_toml(folder / "amended.toml", "amended scenario", AMENDED)
     recordings = [read_recording(path) for path in _files(at, state)]
-    plan = next_block(at.scenario, recordings, answer, amended, at.limits, progress, at.engine)
+    told = at.scenario, recordings, answer, amended
+    done = [name for entry in state.entries for name in entry.block.split(" + ")]
+    plan = next_block(*told, at.limits, progress, at.engine, done)
     write_json(folder / "next_block.json", plan.to_json())
     return plan
 

@@ -3,7 +3,7 @@
 Judging blocks in other processes, which work out the questions again from what was told.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -165,6 +165,7 @@ def next_block(
     limits: Limits,
     progress: Progress,
     engine: Engine | None = None,
+    done: Collection[str] = (),
 ) -> NextBlock:
     """The block that tells the rivals of an ambiguous diagnosis apart.
 
@@ -173,6 +174,7 @@ def next_block(
             diagnosis of it says.
         limits: what the user allows. progress: is told how many blocks are judged.
         engine: where blocks are judged; in this process if not given.
+        done: names of blocks that were recorded: none is asked for twice.
 
     Raises:
         TiltcalError: nothing in the diagnosis is ambiguous.
@@ -183,7 +185,7 @@ def next_block(
     in_doubt = any(UNLISTED in f["class"] for f in diagnosis["findings"])
     why = OPEN.get(verdict, PERHAPS if in_doubt else "")
     if scenario.rig.axes and not rivals and why:
-        return _more_poses(table, scenario, why)
+        return _more_poses(_blocks_of(table, done), table, scenario, why)
     if not (rivals or in_doubt):
         raise TiltcalError(
             "diagnosis",
@@ -203,7 +205,7 @@ def next_block(
             None,
             "No motion of the table separates the alternatives. What does: " + _by_hand(diagnosis),
         )
-    blocks = [b for b in candidates(table) if within(b, table)]
+    blocks = [b for b in _blocks_of(table, done) if within(b, table)]
     judge = judge_over(engine, told) if engine else None
     design = propose(asked, blocks, scenario, limits.minutes, progress, judge)
     return NextBlock(design.best, _statement(design), _twins(design), design.proposals)
@@ -268,13 +270,19 @@ def poses_of(recording: Recording, scenario: Scenario) -> tuple[tuple[float, ...
     return tuple(tuple(round(float(x), 2) for x in m) for m in middles)
 
 
-def _more_poses(table: TableLimits, scenario: Scenario, why: str) -> NextBlock:
+def _blocks_of(table: TableLimits, done: Collection[str]) -> list[Block]:
+    """What a table can record but for what it has."""
+    return [b for b in candidates(table) if b.name not in done]
+
+
+def _more_poses(
+    blocks: Sequence[Block], table: TableLimits, scenario: Scenario, why: str
+) -> NextBlock:
     """Something of everything, for want of rivals."""
-    block = next(
-        b
-        for b in candidates(table)
-        if b.name.startswith("tumble" if len(table.turning) > 1 else "reverse")
-    )
+    kind = "tumble" if len(table.turning) > 1 else "reverse"
+    block = next((b for b in blocks if b.name.startswith(kind)), None)
+    if block is None:
+        return NextBlock(None, f"{why}: all poses that this table can add were recorded.")
     minutes = block.seconds(scenario.rig) / 60
     words = f"{why}: {block.description} ({minutes:.1f} min of table time)."
     return NextBlock(BlockProposal(block, minutes, ()), words)

@@ -374,7 +374,7 @@ def candidates_for_cause(state: State, k: int, scan: Scan) -> list[Candidate]:
             rows.append(row_of(p.explanation, p.log_prior, coarse, p))
     top = max(row.coarse_score for row in rows)
     rows += _not_looked_at(rest, scan, known, coarse, top + np.log(LEAST))
-    rows = list(_fitted(state, k, rows, coarse))
+    rows = list(_with_listed_deviations(list(_fitted(state, k, rows, coarse)), own))
     rows += of_other_source(rows, law)
     rows += [*of_any_form(rows, own, rest, scan, coarse), *completed(rows, own, rest, coarse)]
     shares = partial_matches(rows, whitened.columns.width, _is_again(state, k))
@@ -431,6 +431,26 @@ def _fitted(state: State, k: int, rows: Sequence[Candidate], coarse: float) -> I
             gain=row.gain + 2 * shift,
             textbook_gain=row.textbook_gain + 2 * shift,
         )
+
+
+def _with_listed_deviations(rows: Sequence[Candidate], own: Explanation) -> Iterator[Candidate]:
+    """Rows, a name that deviates from its textbook form only as far as another name is in its own,
+    as both causes together: what has a name is no deviation, and is as probable as a further cause
+    of that name.
+
+    Args:
+        rows: in a cause's place; own: the explanation of the first of them.
+    """
+    told = {id(row): explanation for row, explanation in _named(rows, own)}
+    plain = [r for r in rows if id(r) in told and not r.deviation and np.isfinite(r.textbook_gain)]
+    best = max(plain, key=lambda r: r.evidence, default=None)
+    for row in rows:
+        if best is None or not row.deviation or row.evidence > best.evidence or id(row) not in told:
+            yield row
+            continue
+        law, *deviation = told[id(row)].terms
+        price = sum(len(t.names) for t in deviation) * np.log(1 + told[id(row)].tried)
+        yield replace(row, score=row.score - max(best.evidence - best.score - price, 0.0))
 
 
 def _at_its_instant(law: Hypothesis, rest: State, scan: Scan) -> Iterator[Proposal]:

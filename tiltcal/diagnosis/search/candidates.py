@@ -448,7 +448,7 @@ def _with_listed_deviations(rows: Sequence[Candidate], own: Explanation) -> Iter
         if best is None or not row.deviation or row.evidence > best.evidence or id(row) not in told:
             yield row
             continue
-        law, *deviation = told[id(row)].terms
+        deviation = told[id(row)].terms[1:]
         price = sum(len(t.names) for t in deviation) * np.log(1 + told[id(row)].tried)
         yield replace(row, score=row.score - max(best.evidence - best.score - price, 0.0))
 

@@ -37,7 +37,7 @@ from tiltcal.diagnosis.model.finding_tests import remove_finding
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.candidates import Names
+from tiltcal.diagnosis.search.candidates import SHOWN, Names
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
@@ -137,7 +137,7 @@ def _named(finding: Finding, term: FittedTerm, names: Names, law: WholeLaw) -> F
         names=alike,
         stage=CATALOGUE[id].stage,
         parameters=parameters,
-        statement=_statement(finding, id, alike, parameters)
+        statement=_statement(finding, term, alike, parameters)
         + sums_only(law.untold)
         + fitted_as(finding.parts),
         next_measurement=next_step(alike, effect),
@@ -146,18 +146,22 @@ def _named(finding: Finding, term: FittedTerm, names: Names, law: WholeLaw) -> F
 
 def _statement(
     finding: Finding,
-    id: str,
+    term: FittedTerm,
     names: Sequence[str],
     parameters: Mapping[str, tuple[float, float]],
 ) -> str:
     """What was found, where, how large, and what else it may be."""
+    id, axis = term.hypothesis.id, term.effect.axis
     title = CATALOGUE[id].title
-    others = ", ".join(in_words([n for n in names if n != id]))
-    other = f" (or {others}: this recording cannot tell)" if others else ""
+    others = in_words([n for n in names if n != id])
+    other = f" (or {', '.join(others)}: this recording cannot tell)" if others else ""
+    if len(others) > SHOWN:
+        other = f" (or one of {len(others)} others: a signal of this size and form has no name)"
     size = shown(parameters) if parameters else f"as a curve over {finding.where.coordinate}"
+    of = f" of the {axis} axis" if axis and term.effect.axis_wise else ""
     place = f"{', '.join(finding.sensors)} {', '.join(finding.axes)}"
     place += f" {finding.where.recording}" if finding.where.recording else ""
-    return f"{title[:1].upper()}{title[1:]} ({id}) on {place}{other}: {size}."
+    return f"{title[:1].upper()}{title[1:]} ({id}){of} on {place}{other}: {size}."
 
 
 def _interval(effect: Effect) -> tuple[float, float | None] | None:

@@ -76,7 +76,10 @@ def fitted_as(parts: Sequence[FindingPart]) -> str:
     words = [
         f"{f'{len(s)} curves, each ' if len(s) > 1 else ''}{name} ({round(100 * sum(s))} %)"
         for name, s in shares.items()
+        if round(100 * sum(s))
     ]
+    if less := sum(len(s) for s in shares.values() if not round(100 * sum(s))):
+        words.append(f"{less} of less than 1 %")
     return f" It was fitted in {len(parts)} parts (share of its signal): {'; '.join(words)}."
 
 

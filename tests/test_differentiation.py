@@ -316,4 +316,32 @@ def test_where_a_motion_begins_between_samples_every_row_near_by_is_uncertain():
         found = differentiate(time, read, still)
         off = np.abs(found.acceleration - truth)[~still]
         # beyond what a reading of 1 mm/s2 at 0.1 m shows
-        assert np.all(off < 4 * np.hypot(0.01, found.acceleration_noise[~still]))
+        assert np.all(off < 5 * np.hypot(0.01, found.acceleration_noise[~still]))
+
+
+@pytest.mark.parametrize("step", [0.04, 0.02])
+def test_where_a_ramp_ends_in_a_turn_rates_are_as_uncertain_as_they_are_off(step):
+    """Of a readout that is written as it was commanded long windows have hardly any noise, and
+    each tells a rate to the next sample: a fibre-optic gyro sees what they are off there.
+    """
+    draw = np.random.default_rng(2)
+    time, ramp = np.arange(0, 8, step), 0.4
+    worst = []
+    for _ in range(200):
+        start, rate, lasts = 2 + draw.uniform(0, step), draw.uniform(0.2, 1.2), draw.uniform(1, 3)
+        t, end = time - start, lasts + ramp
+        u = np.clip(np.where(t > end / 2, end - t, t) / ramp, 0, None)
+        rising = np.minimum(u, 1.0)
+        bend = (np.cos(2 * np.pi * rising) - 1) / (4 * np.pi**2)
+        gone = rate * ramp * np.where(u < 1, rising**2 / 2 + bend, u - 0.5)
+        angle = np.where(t > end / 2, rate * lasts - gone, gone)
+        truth = rate * np.where(u < 1, rising - np.sin(2 * np.pi * rising) / (2 * np.pi), 1.0)
+        truth = np.where((t < 0) | (t > end), 0.0, truth)
+        still = (t <= 0) | (t >= end)
+        read = np.radians(np.round(np.degrees(angle), 9))
+        found = differentiate(time, read, still)
+        off = np.abs(found.rate - truth)[~still]
+        # beyond 0.02 deg/h
+        worst.append((off / np.hypot(1e-7, found.noise[~still])).max())
+    assert np.max(worst) < 6
+    assert np.median(worst) < 3

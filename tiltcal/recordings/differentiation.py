@@ -291,14 +291,14 @@ def _of_stretch(time: Array, angle: Array, still: Mask, readout_noise: float | N
             better = c.near | (~still[c.rows] & (expected < error[c.rows]))
             rows = c.rows[better]
             whole[rows], error[rows] = found[better], expected[better]
+    moving = np.where(still, 0.0, variance)
+    missed = _missed(time / step, angle, (v, a), moving, stamped)
+    rate = CHOSEN**2 * SHARED * variance + np.where(still, 0.0, missed)
+    bent = CHOSEN**2 * SHARED * bending + _unresolved(time / step, v, a, moving)
     # a stamp that is off belongs to the motion of another instant
-    noise = np.hypot(CHOSEN * np.sqrt(SHARED * variance), stamp_noise * a)
     jerk = np.where(still, 0.0, np.gradient(a, time / step))
-    other = np.sqrt(
-        CHOSEN**2 * SHARED * bending
-        + (stamp_noise * jerk) ** 2
-        + _unresolved(time / step, v, a, np.where(still, 0.0, variance), still)
-    )
+    noise = np.hypot(np.sqrt(_as_nearby(rate, still)), stamp_noise * a)
+    other = np.hypot(np.sqrt(_as_nearby(bent, still)), stamp_noise * jerk)
     return Rates(v / step, a / step**2, noise / step, other / step**2)
 
 
@@ -333,17 +333,45 @@ def _by_windows(
     return np.where(still, 0.0, v), np.where(still, 0.0, a), variance, bending
 
 
-def _unresolved(time: Array, v: Array, a: Array, variance: Array, still: Mask) -> Array:
+def _as_nearby(squares: Array, still: Mask) -> Array:
+    """Expected squares of errors, in motion no less than of the rows within the narrowest window
+    around them, (n,): it bends over all of them, and at one what tells its error may agree by
+    chance.
+    """
+    padded = np.pad(squares, WIDTHS[0] // 2)
+    around = np.lib.stride_tricks.sliding_window_view(padded, WIDTHS[0]).max(axis=1)
+    return np.asarray(np.where(still, squares, around))
+
+
+def _unresolved(time: Array, v: Array, a: Array, variance: Array) -> Array:
     """Square of what an acceleration is off the mean over the time from one neighbour to the other,
     beyond the noise of the rates there, (n,): what bends within so few samples is not resolved, and
-    an instrument takes as long to follow. A row that moves is as uncertain as the next ones are:
-    one window bends over all of them, and at one of them the two may agree by chance.
+    an instrument takes as long to follow.
     """
     mean = np.gradient(v, time)
     noise = np.convolve(variance, (0.25, 0.0, 0.25), "same")
-    found = np.maximum((a - mean) ** 2 - noise, 0.0)
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(found, 1), 3).max(axis=1)
-    return np.asarray(np.where(still, found, around))
+    return np.asarray(np.maximum((a - mean) ** 2 - noise, 0.0))
+
+
+def _missed(
+    time: Array, angle: Array, motion: tuple[Array, Array], variance: Array, noise: Array
+) -> Array:
+    """Square of what the rates of three rows are off the angle between the outer two (Simpson's
+    rule), where its noise does not explain that, (n,): a long window has little noise, and yet may
+    reach beyond the end of the turn that it is fitted to.
+
+    Args:
+        time: in samples, (n,).
+        angle: rad, (n,); noise: of it, rad, (n,).
+        motion: rate and acceleration per sample, (n,) each; variance: of the rate, (n,).
+    """
+    v, a = motion
+    turned = (angle[2:] - angle[:-2]) / (time[2:] - time[:-2])
+    middle = v[1:-1] - a[1:-1] * (time[1:-1] - (time[2:] + time[:-2]) / 2)
+    off = (turned - (v[:-2] + 4 * middle + v[2:]) / 6) ** 2
+    usual = (noise[2:] ** 2 + noise[:-2] ** 2) / 4 + variance[1:-1]
+    # the middle one counts two thirds
+    return np.pad(np.where(off > RINGING * usual, off * 1.5**2, 0.0), 1)
 
 
 def _on_lines(u: Array, noise: Array) -> Mask:

@@ -10,6 +10,7 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.search.slow_laws import SlowLaw, probabilities
 from tiltcal.effects import CATALOGUE
+from tiltcal.effects.learned import LearnedReading
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.statistics.noise_spectrum import NoiseFit, white_noise
 
@@ -73,6 +74,12 @@ def test_a_channel_s_laws_are_held_against_its_own_noise():
     assert probabilities(found, 0)["acc_warmup"] == pytest.approx(np.exp(2) / total)
     assert sum(probabilities(found, 1).values()) == pytest.approx(2 / (2 + np.e))
     assert probabilities(found, 2) == {}
+
+
+def test_a_law_that_is_a_curve_of_any_form_stands_under_its_name():
+    curve = LearnedReading({"c0": 1e-5}, "accel", "x", coordinate="time", knots=(0.0, 1.0))
+    law = Hypothesis(curve, ("c0",), alias="acc_drift")
+    assert probabilities([SlowLaw(law, (0,), 0.0)], 0) == {"acc_drift": 0.5}
 
 
 def test_noise_of_a_record_at_rest_hides_nothing():

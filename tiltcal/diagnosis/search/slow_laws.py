@@ -42,7 +42,7 @@ def probabilities(found: Sequence[SlowLaw], channel: int) -> dict[str, float]:
     """Ids of the laws that the slow noise of a channel may be, each with its probability against
     this noise and the other laws, the most probable first.
     """
-    own = {law.law.effect.id: law.more for law in reversed(found) if channel in law.channels}
+    own = {law.law.id: law.more for law in reversed(found) if channel in law.channels}
     every = logsumexp([0.0, *(-more for more in own.values())])
     return {id: float(np.exp(-own[id] - every)) for id in sorted(own, key=lambda id: own[id])}
 

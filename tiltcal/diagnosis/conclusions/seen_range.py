@@ -13,7 +13,7 @@ from tiltcal.effects.learned import Learned
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.setup.tables import axis_of
 
-DEGREE = float(np.radians(1.0))
+DEGREE = float(np.radians(1.0))  # rad
 UNITS = {
     "force": ("m_s2", 1.0),
     "rate": ("deg_s", DEGREE),

@@ -18,7 +18,7 @@ from tiltcal.statistics.dwell_noise import robust_white
 from tiltcal.statistics.noise_spectrum import NoiseModel
 
 TRIED = 5  # headings: as many as the polynomial has coefficients
-GRID = np.deg2rad(np.arange(0.0, 360.0, 0.01))
+GRID = np.deg2rad(np.arange(0.0, 360.0, 0.01))  # rad: a parabola through three of them is exact
 RIVAL = 9.0  # of deviance: 3 sigma of one degree of freedom
 NO_LATITUDE = (
     "latitude_deg is not stated: the model of {} has no Earth's rate, which then counts as an error"

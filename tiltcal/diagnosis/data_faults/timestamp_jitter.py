@@ -29,7 +29,7 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.dwell_noise import ARITHMETIC, robust_white
 
 UNIT = 1e-3  # s, of the delay whose changes are taken
-FALSE_ALARMS = 1e-3
+FALSE_ALARMS = 1e-3  # share of sound recordings, a tenth of what all findings together may have
 # sigma. A sum of symmetric terms over the root of their squares exceeds x by a chance of exp(-x2/2)
 # at most (Hoeffding 1963): as many for both scopes together
 CERTAIN = float(np.sqrt(2 * np.log(2 / FALSE_ALARMS)))

@@ -347,7 +347,7 @@ def powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Hypothesis]:
 
 
 Place = tuple[type[Learned], dict[str, Any]]
-HARMONICS = (1, 4)
+HARMONICS = (1, 4)  # of a tone or a cycle: a sine, and a form of its own
 
 
 def periodic_curves(

@@ -126,9 +126,8 @@ def blank(block: Block, scenario: Scenario) -> Recording:
 
 
 ENOUGH = 0.95  # chance of telling a pair apart at which a block is good enough
-HOPELESS = (
-    0.2  # best chance of any block below which a pair is said to be out of this table's reach
-)
+# best chance of any block below which a pair is said to be out of this table's reach
+HOPELESS = 0.2
 SHORT_LIST = 3  # blocks that are tried together when none is enough by itself
 
 

@@ -23,7 +23,7 @@ MIN_LINES = 16  # lines of which a median says what is usual
 PROBE = 36.0  # lines, from whose changes those of any other number follow
 SMALL = 1e-6  # rad
 CHANCE = 1e-4  # of a line in any recording without one
-MOST = 5
+MOST = 5  # lines of an axis: with each all hypotheses over its angle are tried
 WHITE = 2.0  # mean of what a line explains of white noise: a cosine and a sine
 FINER = 4  # frequencies a width of a line
 

@@ -212,7 +212,7 @@ def log_factor(cross: float, energy: float) -> float:
 
 
 ALWAYS = (0.0, 1.0)  # knots of a constant
-ONE = {"c0": 1.0, "c1": 1.0}
+ONE = {"c0": 1.0, "c1": 1.0}  # rad: a curve that is one everywhere
 IN_USE = 0.25  # probability that a motion is in an octave: in two or three of ten
 
 

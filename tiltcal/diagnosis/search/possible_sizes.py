@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.effects.parameter import Parameter, by_name
 
-HALF = 0.5
+HALF = 0.5  # of what comes in ones: less is none
 
 
 def possible(term: FittedTerm) -> bool:

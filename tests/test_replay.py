@@ -6,6 +6,7 @@ from builders import ACCEL, FOG, GYRO, INCL, setup_of
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC
+from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
@@ -251,3 +252,67 @@ def test_the_end_of_a_slow_approach_is_told_though_it_hides_in_the_noise(rng):
     late = course.standstills.since(time)[middle] - (time[middle] % 12.0 - 4.0)
     assert len(late) == 30
     assert np.sqrt(np.mean(late**2)) < 0.04 / 5
+
+
+def head_by_hand(rng, hold=12.0, turn=3.0, count=12):
+    """A dividing head that is turned by hand: its angle is typed in while it turns, so that the
+    readout steps and the reading follows for seconds.
+    """
+    time = np.arange(0, count * hold, 0.1)
+    number = (time // hold).astype(int)
+    settings = np.radians(5.0 * ((7 * np.arange(count + 1)) % 11 - 5))
+    since = time - number * hold
+    u = np.clip(since / turn, 0, 1)
+    true = settings[number] + (settings[number + 1] - settings[number]) * u * u * (3 - 2 * u)
+    written = np.where(since < 0.6 * turn, settings[number], settings[number + 1])
+    read = -9.81 * np.sin(true) + 1e-3 * rng.standard_normal(len(time))
+    columns = {"table_outer_deg": np.degrees(written), "accel_x_m_s2": read}
+    return Recording.from_columns(time, columns), true
+
+
+PLACED = parse_scenario(
+    {
+        "schema": 1,
+        "name": "dividing head",
+        "site": {"gravity_m_s2": 9.81},
+        "rig": {"table": "placing", "readout": "command"},
+        "sensor": [
+            {
+                "name": "accel",
+                "kind": "accelerometer",
+                "axes": ["x"],
+                "rate_hz": 10,
+                "adjustable": ["bias", "scale"],
+            }
+        ],
+    }
+)
+
+
+def test_a_readout_of_settings_is_known_at_its_dwells_alone(rng):
+    recording, true = head_by_hand(rng)
+    course = replay(recording, PLACED)
+    assert course.rests_only
+    assert course.stop.max() + 1 in (12, 13)
+    assert course.known.mean() > 0.5
+    np.testing.assert_allclose(course.angles["outer"][course.known], true[course.known], atol=2e-3)
+    assert not any(np.any(part) for part in course.motion_noise("outer"))
+    assert not course.drive(recording.time).axes["outer"].v.any()
+
+
+@pytest.mark.parametrize("rows", [1, 7])
+def test_a_readout_that_follows_its_axis_is_no_list_of_settings(rng, rows):
+    """It may be held for some rows, as of a slow link."""
+    time = np.arange(0, 120, 0.1)
+    true = np.radians(60) * np.sin(2 * np.pi * time / 40)
+    written = true[np.arange(len(time)) // rows * rows]
+    read = -9.81 * np.sin(true) + 1e-3 * rng.standard_normal(len(time))
+    columns = {"table_outer_deg": np.degrees(written), "accel_x_m_s2": read}
+    assert not replay(Recording.from_columns(time, columns), PLACED).rests_only
+
+
+def test_a_head_that_is_turned_by_hand_matches_its_scenario(rng):
+    recording, _ = head_by_hand(rng)
+    found = diagnose(PLACED, [recording])
+    assert found.verdict == "match"
+    assert found.after.chi2_per_dof == pytest.approx(1, abs=0.2)

@@ -11,7 +11,7 @@ from tiltcal.core.frames import parse_mounts
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.differentiation import Rates
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.segmentation import can_show_standstill
+from tiltcal.recordings.segmentation import can_show_standstill, dwells_at_settings
 from tiltcal.recordings.table_columns import other_tables
 from tiltcal.recordings.table_standstills import edges_of, rates_of, sign_of, standstills_of
 from tiltcal.setup.setup import Setup
@@ -31,6 +31,7 @@ class Replay:
         reference: T0.
         mounts: (from time, R_mount).
         stop: number of the stop of each row, -1 while moving, (n,).
+        rests_only: whether the angles tell nothing but where each stop is.
     """
 
     time: Array
@@ -40,6 +41,7 @@ class Replay:
     reference: float
     mounts: tuple[tuple[float, Array], ...]
     stop: Index
+    rests_only: bool = False
 
     @property
     def times(self) -> tuple[float, float]:
@@ -48,7 +50,8 @@ class Replay:
 
     def with_angles(self, angles: dict[str, Array]) -> "Replay":
         """The same with other angles, its stops determined from them. angles: rad, (n,) each."""
-        return replace(self, angles=angles, stop=numbered_stops(self.time, angles))
+        stop = self.stop if self.rests_only else numbered_stops(self.time, angles)
+        return replace(self, angles=angles, stop=stop)
 
     def drive(self, time: Array) -> Drive:
         """The drive at these times; between the stamps by interpolation. time: s, (n,)."""
@@ -96,6 +99,9 @@ class Replay:
         """
         found, read = {}, self._read
         for name, angle in self.angles.items():
+            if self.rests_only:
+                found[name] = Rates(*np.zeros((4, len(angle))))
+                continue
             # counted the other way it has the same rates, turned
             sign = sign_of(angle)
             estimates = rates_of(self.time[read].tobytes(), (sign * angle[read]).tobytes())
@@ -116,7 +122,8 @@ class Replay:
         """
         read = self._read
         time = self.time[read].tobytes()
-        each_axis = [edges_of(time, angle[read].tobytes()) for angle in self.angles.values()]
+        moved = {} if self.rests_only else self.angles
+        each_axis = [edges_of(time, angle[read].tobytes()) for angle in moved.values()]
         leaves, comes = (
             np.sort(np.concatenate([one[side] for one in each_axis])) if each_axis else np.zeros(0)
             for side in (0, 1)
@@ -187,8 +194,16 @@ def replay(
         float(np.mean(temperature)) if reference_temperature is None else reference_temperature
     )
     mounts = tuple(_mounts(recording, setup))
-    stop = numbered_stops(recording.time, angles)
-    return Replay(recording.time, angles, known, temperature, reference, mounts, stop)
+    at_settings = dwells_at_settings(recording, angles.values())
+    if at_settings:
+        stop = np.full(len(recording), -1)
+        for k, dwell in enumerate(at_settings):
+            stop[dwell.first : dwell.last] = k
+        known &= stop >= 0
+    else:
+        stop = numbered_stops(recording.time, angles)
+    about = temperature, reference, mounts, stop, bool(at_settings)
+    return Replay(recording.time, angles, known, *about)
 
 
 def _mounts(recording: Recording, setup: Setup) -> list[tuple[float, Array]]:

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.quantisation import lsb_width
 from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
@@ -132,6 +132,31 @@ def _settings(recording: Recording) -> Index:
         beside = np.convolve(turned, np.ones(2 * MIN_ROWS + 1), "full")[MIN_ROWS:][: len(turned)]
         found.append(rows[np.flatnonzero(turned & (beside < 1.5)) + 1])  # itself alone
     return np.concatenate(found)
+
+
+def dwells_at_settings(recording: Recording, angles: Iterable[Array]) -> list[Segment]:
+    """The dwells of a log whose readout only says where each of them is: it goes from setting to
+    setting by steps, most with a dwell, and nothing tells the moves between them. None where a
+    readout follows the moves, or the log pauses wherever it steps.
+
+    Args:
+        recording: with stamps that increase.
+        angles: of each axis of its table, gaps interpolated, (n,) each.
+
+    Raises:
+        TiltcalError: as in ``find_segments``.
+    """
+    changes = [np.diff(angle) != 0 for angle in angles]
+    steps = np.flatnonzero(np.any(changes, axis=0)) + 1 if changes else NOWHERE
+    interval = np.diff(recording.time)
+    if not len(steps) or np.setdiff1d(steps, _settings(recording)).size:
+        return []
+    if (interval[steps - 1] > SHORTEST + np.median(interval)).all():
+        return []
+    found = dwells(find_segments(recording))
+    held = np.searchsorted(steps, [s.first for s in found], side="right")
+    # one that is held now and then while its axis moves has none at most of its values
+    return found if 2 * len(np.unique(held)) > len(steps) + 1 else []
 
 
 def standstill_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:

@@ -214,7 +214,11 @@ class NoiseReport:
                 laws.setdefault(tuple(channel.may_be.items()), []).append(name)
         told = [
             f"The slow noise of {', '.join(names)} may be "
-            + " or ".join(f"{CATALOGUE[id].title} ({id}, probability {p:.2f})" for id, p in each)
+            + " or ".join(
+                f"{CATALOGUE[id].title} ({id}, probability {p:.2f})"
+                for id, p in each
+                if round(p, 2) > 0
+            )
             for each, names in laws.items()
         ]
         if not told:

@@ -141,7 +141,7 @@ def dwells_at_settings(recording: Recording, angles: Iterable[Array]) -> list[Se
 
     Args:
         recording: with stamps that increase.
-        angles: of each axis of its table, gaps interpolated, (n,) each.
+        angles: of each axis of its table, gaps interpolated, rad, (n,) each.
 
     Raises:
         TiltcalError: as in ``find_segments``.

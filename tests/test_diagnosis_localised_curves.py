@@ -7,9 +7,10 @@ import pytest
 from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
+from tiltcal.diagnosis.hypotheses.curve_forms import curve_over, even_knots
 from tiltcal.diagnosis.search.best_shape import RESOLUTIONS, resolutions
 from tiltcal.effects.learned import LearnedReading
+from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.laboratory.scenario import parse_scenario
 
 G = 9.81
@@ -194,3 +195,10 @@ def test_a_curve_has_a_line_and_other_resolutions_and_each_counts():
     assert [len(h.effect.knots) for h in others] == [4, 10, 14, 21]
     assert 2 + len(others) == RESOLUTIONS
     assert not list(resolutions([curve_over(LearnedReading, "time", (0.0, 1.0, 2.0))]))
+
+
+@pytest.mark.parametrize("reach", [0.0, 4e-15])
+def test_there_is_no_curve_over_what_varies_by_rounding_alone(reach):
+    span = CoordinateRanges(60.0, 10.0, ranges={"tilt": (9.81, 9.81 + reach), "time": (0.0, 60.0)})
+    assert even_knots("tilt", span, 9) == ()
+    assert even_knots("time", span, 3) == (0.0, 30.0, 60.0)

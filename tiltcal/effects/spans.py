@@ -71,6 +71,9 @@ class SpectralLines:
         )
 
 
+ROUNDING = 1e-9  # of a coordinate: what varies by less is constant
+
+
 @dataclass(frozen=True)
 class CoordinateRanges:
     """What recordings span.

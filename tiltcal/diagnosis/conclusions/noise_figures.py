@@ -21,9 +21,9 @@ from tiltcal.diagnosis.model.finding_tests import ALPHA, log_tail
 from tiltcal.diagnosis.search.slow_laws import SlowLaw, probabilities
 from tiltcal.effects import CATALOGUE, Parameter
 from tiltcal.effects.sensor.noise import Noise
+from tiltcal.effects.spans import ROUNDING
 from tiltcal.statistics.noise_spectrum import Amplitude, NoiseFit, NoiseModel
 
-ROUNDING = 1e-9  # of a coordinate: what varies by less is constant
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, with_values
 from tiltcal.effects.curve_coordinates import INPUTS
 from tiltcal.effects.learned import Learned, LearnedReading
-from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.spans import ROUNDING, CoordinateRanges
 from tiltcal.setup.tables import angle_channel, axis_of
 
 
@@ -61,7 +61,8 @@ def odd_curve(curve: Hypothesis) -> Hypothesis:
 def even_knots(coordinate: str, span: CoordinateRanges, count: int) -> tuple[float, ...]:
     """Knots at equal distances over what is spanned; none where nothing is."""
     low, high = span.ranges.get(coordinate, (0.0, 0.0))
-    return tuple(np.linspace(low, high, count)) if high > low else ()
+    varies = high - low > ROUNDING * max(abs(low), abs(high))
+    return tuple(np.linspace(low, high, count)) if varies else ()
 
 
 def spread_knots(coordinate: str, span: CoordinateRanges) -> tuple[float, ...]:

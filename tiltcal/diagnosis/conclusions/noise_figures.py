@@ -25,7 +25,6 @@ from tiltcal.effects.spans import ROUNDING
 from tiltcal.statistics.noise_spectrum import Amplitude, NoiseFit, NoiseModel
 
 
-
 @dataclass(frozen=True)
 class NoiseDependence:
     """A channel's noise follows a coordinate.

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import tomli_w
 from model_rig import GRAVITY, LIFT, Mapped, PlainModel, poses_and_moves, scenario_text, stated
+from scipy.spatial.transform import Rotation
 from statistics_helpers import rng_of
 
+import tiltcal as tc
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC
@@ -409,3 +411,120 @@ def test_a_tilted_axis_is_one_effect_whatever_its_readout_says_at_the_reference(
         design = np.column_stack([c.ravel() for c in columns])
         left = changed.ravel() - design @ np.linalg.lstsq(design, changed.ravel())[0]
         assert np.abs(left).max() < 5e-3 * np.abs(changed).max()
+
+
+FINGERS = URDF.replace(
+    "</robot>",
+    """
+  <link name="imu_link"/>
+  <joint name="imu_joint" type="fixed"><parent link="fork"/><child link="imu_link"/>
+    <origin xyz=".1 0 1" rpy="0 .2 .4"/></joint>
+  <link name="finger"><inertial><mass value="1"/>
+    <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="grip" type="revolute"><parent link="head"/><child link="finger"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/>
+    <mimic joint="tilt" multiplier="2"/></joint>
+</robot>""",
+)
+
+
+def parsed(folder, name, axes, site):
+    """A scenario of a table, with a model in a folder."""
+    return tc.parse_scenario(
+        {
+            "schema": 1,
+            "site": {"gravity_m_s2": GRAVITY},
+            "rig": {"mjcf": name, "site": site, "axes": axes},
+            "sensor": [{"name": "accelerometer", "kind": "accelerometer", "rate_hz": 50}],
+        },
+        folder=folder,
+    )
+
+
+def test_fixed_links_of_a_urdf_are_places_of_instruments(tmp_path):
+    (tmp_path / "hand.urdf").write_text(FINGERS)
+    axes = {"pan": "pan", "tilt": "tilt", "grip": "grip"}
+    scenario = parsed(tmp_path, "hand.urdf", axes, "imu_link")
+    place = scenario.rig.instrument
+    assert (place.on, place.offset_m) == ("pan", pytest.approx((0.1, 0, 1)))
+    rpy = Rotation.from_euler("xyz", [0, 0.2, 0.4]).as_matrix()
+    np.testing.assert_allclose(place.R, rpy, atol=1e-12)
+
+
+def test_joints_that_a_constraint_moves_have_to_be_read(tmp_path):
+    (tmp_path / "hand.urdf").write_text(FINGERS)
+    with pytest.raises(TiltcalError, match="'grip', which has no axis, moves with joint 'tilt'"):
+        parsed(tmp_path, "hand.urdf", {"pan": "pan", "tilt": "tilt"}, "imu_link")
+    assert parsed(tmp_path, "hand.urdf", {"pan": "pan"}, "imu_link").rig.axis_names == ("pan",)
+
+
+LOOP = """<mujoco><worldbody>
+  <body name="left"><joint name="a" axis="0 1 0"/><geom size=".1" mass="1"/>
+    <body name="bar" pos="0 0 1"><joint name="b" axis="0 1 0"/><geom size=".1" mass="1"/></body>
+  </body>
+  <body name="right" pos="1 0 0"><joint name="c" axis="0 1 0"/><geom size=".1" mass="1"/>
+    <site name="tip" pos="0 0 1"/></body>
+</worldbody>
+<tendon><fixed name="belt"><joint joint="a" coef="1"/><joint joint="c" coef="-1"/></fixed></tendon>
+<equality>CONSTRAINT</equality></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("constraint", "axes", "unread"),
+    [
+        ('<connect body1="bar" body2="right" anchor="1 0 0"/>', "ab", "c"),
+        ('<weld body1="bar" body2="right"/>', "ac", "b"),
+        ('<tendon tendon1="belt"/>', "a", "c"),
+        ('<joint joint1="b" joint2="c" polycoef="0 2 0 0 0"/>', "ac", "b"),
+        ('<connect body1="bar" body2="right" anchor="1 0 0"/>', "abc", None),
+        ('<connect body1="bar" body2="right" anchor="1 0 0" active="false"/>', "a", None),
+        ('<joint joint1="b" polycoef="0.3 0 0 0 0"/>', "ac", None),
+        ('<tendon tendon1="belt"/>', "b", None),
+    ],
+)
+def test_a_loop_is_taken_where_all_or_none_of_its_joints_are_read(
+    tmp_path, constraint, axes, unread
+):
+    (tmp_path / "loop.xml").write_text(LOOP.replace("CONSTRAINT", constraint))
+    mapped = {name: name for name in axes}
+    if unread is None:
+        assert parsed(tmp_path, "loop.xml", mapped, "left").rig.axis_names == tuple(axes)
+    else:
+        with pytest.raises(TiltcalError, match=f"'{unread}', which has no axis"):
+            parsed(tmp_path, "loop.xml", mapped, "left")
+
+
+PAYLOAD = (2.5, np.array([0.02, 0.15, -0.04]))  # kg, and m in the body's frame from the joint
+ACROSS = {"0 0 1": "x y z", "0 1 0": "x -z y", "1 0 0": "y z x"}
+"""Axes of the link in the body's, as docs/own_model.md states them, by the joint's axis."""
+
+
+@pytest.mark.parametrize("axis", ACROSS)
+def test_a_payload_stands_in_the_frame_that_the_page_defines(tmp_path, axis):
+    text = f"""<mujoco><worldbody><body pos="0 0 1" euler="20 30 40">
+    <joint name="lift" axis="1 1 0"/><geom size=".1" mass="2"/><body name="tool" pos=".3 0 .2" euler="50 10 -30">
+    <joint name="turn" axis="{axis}" pos=".01 .02 .03"/><inertial pos=".05 .06 -.02" mass=".7"
+    diaginertia="1e-3 1e-3 1e-3"/></body></body></worldbody></mujoco>"""
+    (tmp_path / "tool.xml").write_text(text)
+    axes = {"lift": Mapped("lift"), "turn": Mapped("turn", -1 if axis == "1 0 0" else 1)}
+    (tmp_path / "s.toml").write_text(scenario_text("tool.xml", axes, "tool"))
+    scenario = load_scenario(tmp_path / "s.toml")
+    (mass, r), own = PAYLOAD, 0.7
+    shift = mass * (r - np.array([0.05, 0.06, -0.02])) / (mass + own)
+    link = axes["turn"].sign * np.array([_along(word, shift) for word in ACROSS[axis].split()])
+    link = link * [axes["turn"].sign, 1, 1]  # a frame stays right-handed: x is the body's
+    sizes = {"mass_kg": mass} | {f"com_{a}_mm": 1e3 * link[k] for k, a in enumerate("xyz")}
+    effect = make_effect("payload", sizes, scenario, axis="turn")
+    rng = rng_of(f"payload {axis}")
+    jets = {a: rng.uniform(-2, 2, (3, 20)) * [[1], [0], [0]] for a in axes}
+    plain = PlainModel(tmp_path / "tool.xml", axes, "tool", payload={"turn": (mass, r)})
+    chain, rig = scenario.rig.kind.chain, scenario.rig
+    found = moments(chain, {a: Jet(*j) for a, j in jets.items()}, GRAVITY, effect.masses(rig))
+    for name, mapped in axes.items():
+        torque, vector = plain.moments(jets, mapped.joint)
+        within = {"rtol": 0, "atol": 1e-8 * np.abs(vector).max()}
+        np.testing.assert_allclose(found[name][:, 2], mapped.sign * torque, **within)
+
+
+def _along(word, vector):
+    return (-1 if word.startswith("-") else 1) * vector["xyz".index(word[-1])]

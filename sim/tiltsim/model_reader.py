@@ -30,6 +30,7 @@ from tiltcal.core.frames import rotation
 from tiltcal.core.units import MM
 from tiltcal.laboratory.own_model import ModelAxis, ModelReference
 from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
+from tiltsim.couplings import require_tied_joints_read
 
 LARGEST = 64 * 2**20  # bytes
 FOLDERS = ("meshdir", "texturedir", "assetdir")
@@ -201,7 +202,7 @@ def read_model(
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)  # which MuJoCo writes to a file in the folder
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
+        model = spec_of(path).compile()
     except (ValueError, RuntimeError) as error:
         raise TiltcalError(
             subject,
@@ -220,6 +221,15 @@ def read_model(
         )
     reader = ModelReader(model, text, subject)
     return reader.chain(), {name: reader.frame_of(name) for name in sites}
+
+
+def spec_of(path: Path) -> "mujoco.MjSpec":
+    """A model with all of its bodies: links of a URDF that a fixed joint holds are bodies too,
+    which MuJoCo would fuse, frames of instruments among them.
+    """
+    spec = mujoco.MjSpec.from_file(str(path))
+    spec.compiler.fusestatic = False
+    return spec
 
 
 @dataclass(frozen=True)
@@ -257,6 +267,7 @@ class ModelReader:
         mapped = {self._joint(name, axis): (name, axis) for name, axis in text.axes.items()}
         if len(mapped) < len(text.axes):
             raise self._error("one joint mapped to two axes", "a joint for each axis")
+        require_tied_joints_read(model, set(mapped), subject)
         self.axes = [self._axis(joint, *mapped[joint]) for joint in sorted(mapped)]
 
     def chain(self) -> Chain:
@@ -417,9 +428,11 @@ class ModelReader:
 
 
 def _frame_along(axis: Array, body: Array) -> Array:
-    """A frame whose z is an axis, and whose x is as near as can be to one of a body's, (3, 3)."""
+    """A frame whose z is an axis, and whose x is as near as can be to one of a body's, the first of
+    those that are equally near but for rounding, (3, 3).
+    """
     z = axis / np.linalg.norm(axis)
-    across = body[:, int(np.argmin(np.abs(body.T @ z)))]
+    across = body[:, int(np.argmin(np.abs(body.T @ z).round(9)))]
     x = across - z * (z @ across)
     x = x / np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])

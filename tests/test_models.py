@@ -502,7 +502,8 @@ ACROSS = {"0 0 1": "x y z", "0 1 0": "x -z y", "1 0 0": "y z x"}
 @pytest.mark.parametrize("axis", ACROSS)
 def test_a_payload_stands_in_the_frame_that_the_page_defines(tmp_path, axis):
     text = f"""<mujoco><worldbody><body pos="0 0 1" euler="20 30 40">
-    <joint name="lift" axis="1 1 0"/><geom size=".1" mass="2"/><body name="tool" pos=".3 0 .2" euler="50 10 -30">
+    <joint name="lift" axis="1 1 0"/><geom size=".1" mass="2"/>
+    <body name="tool" pos=".3 0 .2" euler="50 10 -30">
     <joint name="turn" axis="{axis}" pos=".01 .02 .03"/><inertial pos=".05 .06 -.02" mass=".7"
     diaginertia="1e-3 1e-3 1e-3"/></body></body></worldbody></mujoco>"""
     (tmp_path / "tool.xml").write_text(text)

@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 import tomli_w
@@ -529,3 +530,126 @@ def test_a_payload_stands_in_the_frame_that_the_page_defines(tmp_path, axis):
 
 def _along(word, vector):
     return (-1 if word.startswith("-") else 1) * vector["xyz".index(word[-1])]
+
+
+def bent_base(models, time, angles, matrix):
+    """What a triad reads on a base that tilts by a matrix of compliances, rad/(N m), (2, 2): two
+    springs about its principal directions in plain MuJoCo.
+    """
+    path, axes, site = models["base"]
+    softness, along = np.linalg.eigh(matrix)
+    spec = mujoco.MjSpec.from_file(str(path))
+    root, turned = spec.worldbody.first_body(), path.with_name("turned.xml")
+    R = Rotation.from_quat(np.roll(spec.compile().body(root.name).quat, -1)).as_matrix()
+    springs = {}
+    for k in range(2):
+        axis = R.T @ [*along[:, k], 0.0]
+        root.add_joint(name=f"base_{k}", type=HINGE, axis=axis, pos=R.T @ -np.array(root.pos))
+        springs[f"base_{k}"] = 1 / softness[k]
+    turned.write_text(spec.to_xml())
+    plain = PlainModel(turned, axes, site)
+    plain.springs.update(springs)
+    return plain.readings(time, angles)[0]
+
+
+HINGE = mujoco.mjtJoint.mjJNT_HINGE
+SOFT = np.array([[0.4, 0.15], [0.15, 0.6]]) * ARCSEC  # rad/(N m)
+CROSSED = {"bend_east": 0.4, "bend_north": 0.6, "cross_east": 0.15, "cross_north": 0.15}
+
+
+def test_a_base_that_is_soft_between_east_and_north_is_two_springs_in_plain_mujoco(models):
+    path, axes, _ = models["base"]
+    scenario = load_scenario(path.with_suffix(".toml"))
+    rng, time = rng_of("soft between"), np.arange(0, 12, 0.02)
+    angles = {a: swing(time, *rng.uniform(0.5, 1.5, 2), rng.uniform(0, 6)) for a in axes}
+    drive = drive_of(time, {a: Jet(*jet) for a, jet in angles.items()})
+    honest = closed_form(scenario, drive).force
+    expected = bent_base(models, time, angles, SOFT) - honest
+    sizes = {f"{n}_arcsec_N_m": v for n, v in CROSSED.items()}
+    effect = make_effect("base_load_compliance", sizes, scenario)
+    ours = closed_form(scenario, drive, [effect]).force - honest
+    left = (ours - expected)[120:-120]
+    left -= left.mean(axis=0)  # the weight of the base itself tilts it by as much always
+    assert np.abs(left).max() < 5e-3 * np.ptp(expected, axis=0).max()
+    theirs = mujoco_motion(scenario, drive, [effect]).force - honest
+    assert np.abs((theirs - ours)[120:-120]).max() < 5e-3 * np.abs(ours).max()
+
+
+def test_a_base_that_is_soft_between_east_and_north_is_named_with_its_matrix(models):
+    path, axes, _ = models["base"]
+    rng = rng_of("soft between, read")
+    time, angles = poses_and_moves(rng, list(axes), 24)
+    force = bent_base(models, time, angles, 4 * SOFT)
+    force = force + rng.normal(0, 60e-6 * 9.8 * np.sqrt(50), force.shape)
+    columns = {k: v for a, jet in angles.items() for k, v in axes[a].column(a, jet[0]).items()}
+    columns |= {f"accelerometer_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
+    scenario = load_scenario(path.with_suffix(".toml"))
+    (finding,) = diagnose(scenario, [Recording.from_columns(time, columns)]).findings
+    assert finding.effect == "base_load_compliance"
+    for name, size in CROSSED.items():
+        value, sigma = finding.parameters[f"{name}_arcsec_N_m"]
+        assert abs(value - 4 * size) < 4 * sigma
+
+
+@pytest.mark.parametrize(
+    ("id", "sizes", "error"),
+    [
+        ("joint_readout_scale", {"scale_ppm": 3000}, lambda q: 3e-3 * q),
+        (
+            "joint_harmonic_drive",
+            {"cos_arcsec": 50, "sin_arcsec": -80, "ratio": 50},
+            lambda q: ARCSEC * (50 * np.cos(100 * q) - 80 * np.sin(100 * q)),
+        ),
+    ],
+)
+@pytest.mark.parametrize(("name", "axis"), [("arm", "elbow"), ("lift", "boom")])
+def test_errors_of_the_readout_of_a_joint_are_those_of_plain_mujoco(
+    models, id, sizes, error, name, axis
+):
+    path, axes, site = models[name]
+    scenario = load_scenario(path.with_suffix(".toml"))
+    if axis not in CATALOGUE[id].axes_on(scenario.rig):
+        pytest.skip("of a joint that turns")
+    rng = rng_of(f"{id} {name}")
+    true = {a: rng.uniform(-1, 1, (3, 40)) * [[1], [0], [0]] for a in axes}
+    force, _ = PlainModel(path, axes, site).readings(np.arange(40.0), true)
+    read = {a: jet.copy() for a, jet in true.items()}
+    read[axis][0] += error(true[axis][0])
+    drive = drive_of(np.arange(40.0), {a: Jet(*jet) for a, jet in read.items()})
+    effect = make_effect(id, sizes, scenario, axis=axis)
+    honest = closed_form(scenario, drive).force
+    ours = closed_form(scenario, drive, [effect]).force
+    np.testing.assert_allclose(ours, force, rtol=0, atol=1e-7)
+    assert name == "lift" or np.abs(honest - force).max() > 1e-3
+
+
+def test_a_joint_that_counts_too_much_is_named(models):
+    path, axes, site = models["arm"]
+    rng = rng_of("scale of a joint")
+    time, angles = poses_and_moves(rng, list(axes), 14)
+    force, _ = PlainModel(path, axes, site).readings(time, angles)
+    force = force + rng.normal(0, 60e-6 * 9.8 * np.sqrt(50), force.shape)
+    columns = {k: v for a, jet in angles.items() for k, v in axes[a].column(a, jet[0]).items()}
+    columns["table_elbow_deg"] *= 1 + 1.5e-3
+    columns |= {f"accelerometer_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
+    scenario = load_scenario(path.with_suffix(".toml"))
+    answer = diagnose(scenario, [Recording.from_columns(time, columns)])
+    (finding,) = answer.findings
+    (found,) = (e for e in answer.amended["effect"] if e.get("role") == "found")
+    assert (finding.effect, found["axis"]) == ("joint_readout_scale", "elbow")
+    value, sigma = finding.parameters["scale_ppm"]
+    assert abs(value - 1500) < 4 * sigma
+    assert "cable_torque" in [name for name, *_ in finding.rivals]  # of the same form
+
+
+def test_a_heavy_payload_far_from_a_light_link_is_named(models, tmp_path):
+    """Three times the mass of the link, beyond twice the distance of its centre."""
+    payload = {"wrist": (3.0, (0.3, 0.1, 0.0))}
+    _, recording = recorded(models, "arm", "far", joint_stiffness=SPRING, payload=payload)
+    path = models["arm"][0]
+    shutil.copy(path, tmp_path / path.name)
+    file = tmp_path / "s.toml"
+    known = stated("joint_compliance", axis="lift", bend_z=1 / SPRING["lift"])
+    file.write_text(path.with_suffix(".toml").read_text() + known)
+    (finding,) = diagnose(load_scenario(file), [recording]).findings
+    assert finding.effect == "payload"

@@ -336,6 +336,7 @@ class ModelReader:
             sign=text.sign,
             offset_deg=text.offset_deg,
             offset_mm=text.offset_mm,
+            gear_ratio=text.gear_ratio,
             reference_deg=0.0 if axis.slides else float(-np.degrees(axis.zero)),
             **self._range(axis, text),
             **self._mass(k),

@@ -14,7 +14,6 @@ In a run by time steps a joint has the drive and the servo that the model gives 
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +30,7 @@ from tiltcal.core.units import MM
 from tiltcal.laboratory.own_model import ModelAxis, ModelReference
 from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
 from tiltsim.couplings import require_tied_joints_read
+from tiltsim.model_sizes import MOST_BODIES, require_few
 
 LARGEST = 64 * 2**20  # bytes
 FOLDERS = ("meshdir", "texturedir", "assetdir")
@@ -54,10 +54,6 @@ def require_inside(folder: Path, path: Path, text: str) -> Path:
     return found
 
 
-MOST_BODIES = 2000
-COPIES = ("replicate",)
-
-
 def check_files(main: Path, folder: Path) -> None:
     """Every file that a model and its parts name lies in a folder; MuJoCo reports one that is
     missing.
@@ -72,7 +68,7 @@ def check_files(main: Path, folder: Path) -> None:
         if path in roots:
             continue
         roots[path] = _parsed(path)
-        _require_few(roots[path], path.name)
+        require_few(roots[path], path.name)
         for name, tag in _named(roots[path]):
             for position in (main.parent, path.parent) if tag in PARTS else ():
                 target = (position / name).resolve()
@@ -86,30 +82,6 @@ def check_files(main: Path, folder: Path) -> None:
                     target = (position / assets / name).resolve()
                     if not target.is_relative_to(folder.resolve()):
                         require_inside(folder, target, name)
-
-
-def _require_few(root: Element, name: str) -> None:
-    """Refuse copies in copies that MuJoCo would make without end.
-
-    Raises:
-        TiltcalError: there are more than bodies are taken.
-    """
-    waiting = [(root, 1)]
-    while waiting:
-        above, times = waiting.pop()
-        for element in above:
-            copies = times
-            if element.tag in COPIES:
-                with suppress(ValueError):  # what is no number MuJoCo refuses itself
-                    copies *= int(element.get("count", "1"))
-            if copies > MOST_BODIES:
-                raise TiltcalError(
-                    f"model {name}, element {element.tag}",
-                    found=f"more than {MOST_BODIES} copies",
-                    need=f"at most {MOST_BODIES}",
-                    do="leave out what does not carry the instrument",
-                )
-            waiting.append((element, copies))
 
 
 def _named(root: Element) -> Iterator[tuple[str, str]]:

@@ -1,7 +1,7 @@
 """What a model states in a few characters and MuJoCo makes much of: refused before it compiles.
 
-MuJoCo compiles in this process, without limits of time or memory. What a file holds itself is bounded
-by its size, but for elements, of which 20000 geoms take 2 s and 100000 more than 25 s.
+MuJoCo compiles in this process, without limits of time or memory. What a file holds itself is
+bounded by its size, but for elements, of which 20000 geoms take 2 s and 100000 more than 25 s.
 """
 
 from collections.abc import Iterator

@@ -642,6 +642,40 @@ def test_a_joint_that_counts_too_much_is_named(models):
     assert "cable_torque" in [name for name, *_ in finding.rivals]  # of the same form
 
 
+def test_the_wave_of_a_harmonic_drive_is_named_where_its_gear_is_stated(models, tmp_path):
+    path, axes, site = models["arm"]
+    rng = rng_of("harmonic drive")
+    time, angles = poses_and_moves(rng, list(axes), 10, move=4.0, reach=1.0)
+    force, _ = PlainModel(path, axes, site).readings(time, angles)
+    force = force + rng.normal(0, 60e-6 * 9.8 * np.sqrt(50), force.shape)
+    columns = {k: v for a, jet in angles.items() for k, v in axes[a].column(a, jet[0]).items()}
+    wave = 70 * np.cos(160 * angles["elbow"][0]) - 40 * np.sin(160 * angles["elbow"][0])
+    columns["table_elbow_deg"] += wave / 3600
+    columns |= {f"accelerometer_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
+    shutil.copy(path, tmp_path / path.name)
+    text = path.with_suffix(".toml").read_text()
+    plain = 'joint = "elbow"'
+    assert text.count(plain) == 1
+    file = tmp_path / "s.toml"
+    file.write_text(text.replace(plain, f"{plain}, gear_ratio = 80"))
+    (finding,) = diagnose(load_scenario(file), [Recording.from_columns(time, columns)]).findings
+    assert "joint_harmonic_drive" in finding.names
+
+
+def test_how_heavy_a_payload_may_be_follows_from_the_rated_one(models, tmp_path):
+    path, *_ = models["arm"]
+    shutil.copy(path, tmp_path / path.name)
+    text, file = path.with_suffix(".toml").read_text(), tmp_path / "s.toml"
+    sizes = []
+    for stated_key in ("", "rated_payload_kg = 5\n"):
+        file.write_text(text.replace("[rig]\n", f"[rig]\n{stated_key}"))
+        rig = load_scenario(file).rig
+        found = CATALOGUE["payload"].sizes_on((), rig)
+        assert list(found) == ["mass", "moment_x", "moment_y", "moment_z"]  # com restates these
+        sizes.append([p.plausible[1] * p.factor for p in found.values()])
+    np.testing.assert_allclose(sizes, [[0.5, 0.05, 0.05, 0.05], [2.5, 0.25, 0.25, 0.25]])
+
+
 def test_a_heavy_payload_far_from_a_light_link_is_named(models, tmp_path):
     """Three times the mass of the link, beyond twice the distance of its centre."""
     payload = {"wrist": (3.0, (0.3, 0.1, 0.0))}

@@ -3,6 +3,7 @@
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.table.readout import ReadoutError
+from tiltcal.effects.traits import Family
 from tiltcal.setup.trajectory import Jet
 
 
@@ -22,6 +23,7 @@ class JointReadoutScale(ReadoutError):
     linear = True
     of_model = True
     on_slides = True
+    family = Family(readout=("table_{axis}",))  # no track of a potentiometer is quite straight
     distinguished_by = {"cable_torque": "turn the joint a whole turn further, against a reference"}
 
     def error(self, true: Jet, axis: str) -> Jet:

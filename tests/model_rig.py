@@ -115,7 +115,7 @@ class PlainModel:
                 joint.parent.pos = np.array(joint.parent.pos) + moved
         for name, (mass, place) in dict(payload).items():
             spec.joint(name).parent.add_body(
-                pos=place, mass=mass, inertia=[1e-9] * 3, explicitinertial=True
+                pos=place, ipos=[0] * 3, mass=mass, inertia=[1e-9] * 3, explicitinertial=True
             )
         if spec.site(site) is None:
             spec.body(site).add_site(name=site)

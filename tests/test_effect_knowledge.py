@@ -24,7 +24,7 @@ from tiltcal.setup.tables import angle_channel, built_in_axes
 EVERY = pytest.mark.parametrize("cls", CATALOGUE.values(), ids=list(CATALOGUE))
 LINES = SpectralLines(tones=(3.3, 7.1), shakes=(5.0,), ripples=(33,))
 SPAN = CoordinateRanges(300.0, 50.0, LINES, {"temperature": (-2.0, 3.0)})
-SILENT = CoordinateRanges(300.0, 50.0)
+SILENT = CoordinateRanges(300.0, 50.0, gears=(100.0,))
 ANGLES = {angle_channel(axis) for axis in built_in_axes()}
 FOLLOWED = {"temperature", "time", "move", "rate", "frequency", "tilt", "sample", "load moment"}
 

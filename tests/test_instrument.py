@@ -145,6 +145,7 @@ CHAIN = [
 ]
 
 
+@pytest.mark.filterwarnings("ignore:seed=None leaves out")
 @pytest.mark.parametrize("seed", [5, None])
 def test_a_chain_reads_what_the_laboratory_reads_to_the_last_digit(seed):
     assert_alike(bench(*CHAIN), seed=seed, tolerance=1e-15)

@@ -66,9 +66,11 @@ class Named(Counting):
         return {"f": both[:3], "w": both[3:]}, *rest
 
 
+without_noise = pytest.mark.filterwarnings("ignore:seed=None leaves out gyr_noise")
 PLACES = {"force": slice(0, 3), "rate": [3, 4, 5]}
 
 
+@without_noise
 def test_readings_take_the_places_of_force_and_rate():
     env = tc.wrap(Counting(), bench(*BIASED), **PLACES, seed=None)
     observation, info = env.reset()
@@ -78,6 +80,7 @@ def test_readings_take_the_places_of_force_and_rate():
     np.testing.assert_allclose(observation, [1.980665, 1, 1, 1, 1, 1])
 
 
+@without_noise
 def test_a_seed_of_an_episode_does_not_switch_random_effects_on():
     env = tc.wrap(Counting(), bench(*BIASED), **PLACES, seed=None)
     observation, _ = env.reset(seed=3)
@@ -88,6 +91,7 @@ def test_a_seed_of_an_episode_does_not_switch_random_effects_on():
     assert (first[3:] != other[3:]).all()
 
 
+@without_noise
 def test_keys_of_a_dict_observation():
     env = tc.wrap(Named(), bench(*BIASED), force="f", rate="w", seed=None)
     env.reset()
@@ -95,6 +99,7 @@ def test_keys_of_a_dict_observation():
     np.testing.assert_allclose(observation["f"], [1.980665, 1, 1])
 
 
+@without_noise
 def test_a_function_and_an_observer():
     env = tc.wrap(
         Counting(),
@@ -152,6 +157,7 @@ MODEL = """<mujoco><option timestep="0.02"/><worldbody><body><freejoint/>
 <gyro name="gyr" site="s"/></sensor></mujoco>"""
 
 
+@without_noise
 def test_the_sensors_of_a_mujoco_model():
     model = mujoco.MjModel.from_xml_string(MODEL)
     data = mujoco.MjData(model)
@@ -176,3 +182,97 @@ def test_what_cannot_be_wrapped_is_refused():
     env = tc.wrap(Counting(), bench(*BIASED), force=slice(0, 2), rate=slice(3, 6))
     with pytest.raises(TiltcalError, match=r"`force`.*shape \(2,\)"):
         env.reset()
+
+
+def test_a_word_says_what_no_seed_leaves_out():
+    model = mujoco.MjModel.from_xml_string(MODEL)
+    with pytest.warns(UserWarning, match=r"seed=None leaves out gyr_noise\[gyro\]$"):
+        tc.wrap(model, bench(*BIASED), force="acc", rate="gyr", seed=None)
+    with pytest.warns(UserWarning, match="gyr_noise"):
+        tc.Instrument(bench(*BIASED), 0.02, seed=None)
+    tc.Instrument(bench(BIASED[0]), 0.02, seed=None)  # nothing random is left out
+    noisy, *_ = tc.Instrument(bench(*BIASED), 0.02).step(np.zeros(3), np.zeros(3))["gyro"]
+    again, *_ = tc.Instrument(bench(*BIASED), 0.02, seed=0).step(np.zeros(3), np.zeros(3))["gyro"]
+    assert noisy.all()
+    np.testing.assert_array_equal(noisy, again)
+
+
+OTHERS = MODEL.replace(
+    "<sensor>",
+    """<sensor><framelinacc name="lin" objtype="site" objname="s"/>
+    <velocimeter name="vel" site="s"/>
+    <frameangvel name="spin" objtype="site" objname="s"/>""",
+)
+
+
+@pytest.mark.parametrize(
+    ("places", "words"),
+    [
+        ({"force": "lin", "rate": "gyr"}, "'lin', a framelinacc.*specific force.*give acc"),
+        ({"force": "vel", "rate": "gyr"}, "'vel', a velocimeter.*specific force.*give acc"),
+        ({"force": "gyr", "rate": "gyr"}, "'gyr', a gyro.*specific force"),
+        ({"force": "acc", "rate": "spin"}, "'spin', a frameangvel.*angular rate.*give gyr"),
+    ],
+)
+def test_sensors_of_another_kind_are_refused_by_the_name_of_what_they_are(places, words):
+    with pytest.raises(TiltcalError, match=words):
+        tc.wrap(mujoco.MjModel.from_xml_string(OTHERS), bench(*BIASED), **places)
+
+
+def test_the_time_of_the_simulation_goes_by_steps():
+    model = mujoco.MjModel.from_xml_string(MODEL)
+    data = mujoco.MjData(model)
+    instrument = tc.wrap(model, bench(*BIASED), force="acc", rate="gyr")
+    for _ in range(50):
+        mujoco.mj_step(model, data)
+        instrument.read(data)
+    with pytest.raises(TiltcalError, match=r"found 0 s since the last reading, need 0.02 s"):
+        instrument.read(data)
+    mujoco.mj_step(model, data, 2)
+    with pytest.raises(TiltcalError, match=r"found 0.04 s since the last reading"):
+        instrument.read(data)
+    mujoco.mj_resetData(model, data)
+    with pytest.raises(TiltcalError, match=r"call reset\(\)"):
+        instrument.read(data)
+    instrument.reset()
+    instrument.read(data)
+
+
+class Twice(gymnasium.Wrapper):
+    """Repeats each action, and says nothing of it."""
+
+    def step(self, action):
+        self.env.step(action)
+        return self.env.step(action)
+
+
+def test_an_environment_that_repeats_actions_needs_its_step_stated():
+    def made():
+        return Twice(gymnasium.make("InvertedPendulum-v5"))
+
+    how = {"rate": lambda o: o[..., 3:4] * np.array([0.0, 1.0, 0.0])}
+    env = tc.wrap(made(), bench(sensors=("gyro",), rate=25.0), **how)
+    env.reset(seed=1)
+    with pytest.raises(TiltcalError, match=r"found 0.08 s.*give step_s"):
+        env.step(np.zeros(1, np.float32))
+    env = tc.wrap(made(), bench(sensors=("gyro",), rate=12.5), **how, step_s=0.08)
+    env.reset(seed=1)
+    for _ in range(3):
+        env.step(np.zeros(1, np.float32))
+
+
+@pytest.mark.parametrize("mode", list(gymnasium.vector.AutoresetMode)[:2])
+def test_environments_in_processes_of_their_own_read_as_those_in_this_one(mode):
+    makers = {"autoreset_mode": mode}
+    apart = gymnasium.vector.AsyncVectorEnv([Counting] * 2, **makers)
+    here = gymnasium.vector.SyncVectorEnv([Counting] * 2, **makers)
+    try:
+        with pytest.raises(TiltcalError, match="processes of their own"):
+            tc.wrap(apart, bench(*BIASED), force="acc", rate="gyr")
+        both = [tc.wrap(env, bench(*BIASED), **PLACES) for env in (apart, here)]
+        np.testing.assert_array_equal(*(env.reset(seed=4)[0] for env in both))
+        for _ in range(7):
+            one, other = (env.step(np.zeros(2, int)) for env in both)
+            np.testing.assert_array_equal(one[0], other[0])
+    finally:
+        apart.close()

@@ -35,6 +35,32 @@ def test_a_few_copies_are_taken(tmp_path):
     check_files(tmp_path / "arm.xml", tmp_path)
 
 
+LARGE = {
+    '<asset><hfield name="h" nrow="20000" ncol="20000" size="1 1 1 1"/></asset>': "nrow x ncol",
+    '<asset><texture name="t" builtin="flat" width="30000" height="30000"/></asset>': "width",
+    '<size nkey="100000000"/>': "nkey",
+    '<size nuserdata="1000000000"/>': "nuserdata",
+    '<worldbody><flexcomp name="f" type="grid" count="200 200 10"/></worldbody>': "copies",
+    "<worldbody>" + "<geom size='.1'/>" * 25000 + "</worldbody>": "elements",
+}
+
+
+@pytest.mark.parametrize("text", LARGE, ids=LARGE.values())
+def test_sizes_without_end_are_refused_before_mujoco_makes_them(text, tmp_path):
+    (tmp_path / "arm.xml").write_text(f"<mujoco>{text}</mujoco>")
+    with pytest.raises(TiltcalError, match=rf"more than \d+ {LARGE[text]}.*leave out"):
+        check_files(tmp_path / "arm.xml", tmp_path)
+
+
+def test_ordinary_sizes_are_taken(tmp_path):
+    text = """<size nkey="100" memory="100M" nuser_geom="3"/><asset>
+    <hfield name="h" nrow="500" ncol="500" size="1 1 1 1"/>
+    <texture name="t" builtin="flat" width="4096" height="4096"/></asset>
+    <worldbody><flexcomp name="f" type="grid" count="8 8 2"/></worldbody>"""
+    (tmp_path / "arm.xml").write_text(f"<mujoco>{text}</mujoco>")
+    check_files(tmp_path / "arm.xml", tmp_path)
+
+
 def test_a_level_that_stands_twice_is_named():
     with pytest.raises(ValueError, match="the value 0 stands twice"):
         Factor(field="effect.acc_bias.bias_x_ug", values=[0, 5, 0])

@@ -4,12 +4,15 @@ import shutil
 from pathlib import Path
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 import tomli_w
 from model_rig import GRAVITY, LIFT, Mapped, PlainModel, poses_and_moves, scenario_text, stated
+from scipy.spatial.transform import Rotation
 from statistics_helpers import rng_of
 
+import tiltcal as tc
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC
@@ -409,3 +412,278 @@ def test_a_tilted_axis_is_one_effect_whatever_its_readout_says_at_the_reference(
         design = np.column_stack([c.ravel() for c in columns])
         left = changed.ravel() - design @ np.linalg.lstsq(design, changed.ravel())[0]
         assert np.abs(left).max() < 5e-3 * np.abs(changed).max()
+
+
+FINGERS = URDF.replace(
+    "</robot>",
+    """
+  <link name="imu_link"/>
+  <joint name="imu_joint" type="fixed"><parent link="fork"/><child link="imu_link"/>
+    <origin xyz=".1 0 1" rpy="0 .2 .4"/></joint>
+  <link name="finger"><inertial><mass value="1"/>
+    <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="grip" type="revolute"><parent link="head"/><child link="finger"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/>
+    <mimic joint="tilt" multiplier="2"/></joint>
+</robot>""",
+)
+
+
+def parsed(folder, name, axes, site):
+    """A scenario of a table, with a model in a folder."""
+    return tc.parse_scenario(
+        {
+            "schema": 1,
+            "site": {"gravity_m_s2": GRAVITY},
+            "rig": {"mjcf": name, "site": site, "axes": axes},
+            "sensor": [{"name": "accelerometer", "kind": "accelerometer", "rate_hz": 50}],
+        },
+        folder=folder,
+    )
+
+
+def test_fixed_links_of_a_urdf_are_places_of_instruments(tmp_path):
+    (tmp_path / "hand.urdf").write_text(FINGERS)
+    axes = {"pan": "pan", "tilt": "tilt", "grip": "grip"}
+    scenario = parsed(tmp_path, "hand.urdf", axes, "imu_link")
+    place = scenario.rig.instrument
+    assert (place.on, place.offset_m) == ("pan", pytest.approx((0.1, 0, 1)))
+    rpy = Rotation.from_euler("xyz", [0, 0.2, 0.4]).as_matrix()
+    np.testing.assert_allclose(place.R, rpy, atol=1e-12)
+
+
+def test_joints_that_a_constraint_moves_have_to_be_read(tmp_path):
+    (tmp_path / "hand.urdf").write_text(FINGERS)
+    with pytest.raises(TiltcalError, match="'grip', which has no axis, moves with joint 'tilt'"):
+        parsed(tmp_path, "hand.urdf", {"pan": "pan", "tilt": "tilt"}, "imu_link")
+    assert parsed(tmp_path, "hand.urdf", {"pan": "pan"}, "imu_link").rig.axis_names == ("pan",)
+
+
+LOOP = """<mujoco><worldbody>
+  <body name="left"><joint name="a" axis="0 1 0"/><geom size=".1" mass="1"/>
+    <body name="bar" pos="0 0 1"><joint name="b" axis="0 1 0"/><geom size=".1" mass="1"/></body>
+  </body>
+  <body name="right" pos="1 0 0"><joint name="c" axis="0 1 0"/><geom size=".1" mass="1"/>
+    <site name="tip" pos="0 0 1"/></body>
+</worldbody>
+<tendon><fixed name="belt"><joint joint="a" coef="1"/><joint joint="c" coef="-1"/></fixed></tendon>
+<equality>CONSTRAINT</equality></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("constraint", "axes", "unread"),
+    [
+        ('<connect body1="bar" body2="right" anchor="1 0 0"/>', "ab", "c"),
+        ('<weld body1="bar" body2="right"/>', "ac", "b"),
+        ('<tendon tendon1="belt"/>', "a", "c"),
+        ('<joint joint1="b" joint2="c" polycoef="0 2 0 0 0"/>', "ac", "b"),
+        ('<connect body1="bar" body2="right" anchor="1 0 0"/>', "abc", None),
+        ('<connect body1="bar" body2="right" anchor="1 0 0" active="false"/>', "a", None),
+        ('<joint joint1="b" polycoef="0.3 0 0 0 0"/>', "ac", None),
+        ('<tendon tendon1="belt"/>', "b", None),
+    ],
+)
+def test_a_loop_is_taken_where_all_or_none_of_its_joints_are_read(
+    tmp_path, constraint, axes, unread
+):
+    (tmp_path / "loop.xml").write_text(LOOP.replace("CONSTRAINT", constraint))
+    mapped = {name: name for name in axes}
+    if unread is None:
+        assert parsed(tmp_path, "loop.xml", mapped, "left").rig.axis_names == tuple(axes)
+    else:
+        with pytest.raises(TiltcalError, match=f"'{unread}', which has no axis"):
+            parsed(tmp_path, "loop.xml", mapped, "left")
+
+
+PAYLOAD = (2.5, np.array([0.02, 0.15, -0.04]))  # kg, and m in the body's frame from the joint
+ACROSS = {"0 0 1": "x y z", "0 1 0": "x -z y", "1 0 0": "y z x"}
+"""Axes of the link in the body's, as docs/own_model.md states them, by the joint's axis."""
+
+
+@pytest.mark.parametrize("axis", ACROSS)
+def test_a_payload_stands_in_the_frame_that_the_page_defines(tmp_path, axis):
+    text = f"""<mujoco><worldbody><body pos="0 0 1" euler="20 30 40">
+    <joint name="lift" axis="1 1 0"/><geom size=".1" mass="2"/>
+    <body name="tool" pos=".3 0 .2" euler="50 10 -30">
+    <joint name="turn" axis="{axis}" pos=".01 .02 .03"/><inertial pos=".05 .06 -.02" mass=".7"
+    diaginertia="1e-3 1e-3 1e-3"/></body></body></worldbody></mujoco>"""
+    (tmp_path / "tool.xml").write_text(text)
+    axes = {"lift": Mapped("lift"), "turn": Mapped("turn", -1 if axis == "1 0 0" else 1)}
+    (tmp_path / "s.toml").write_text(scenario_text("tool.xml", axes, "tool"))
+    scenario = load_scenario(tmp_path / "s.toml")
+    (mass, r), own = PAYLOAD, 0.7
+    shift = mass * (r - np.array([0.05, 0.06, -0.02])) / (mass + own)
+    link = axes["turn"].sign * np.array([_along(word, shift) for word in ACROSS[axis].split()])
+    link = link * [axes["turn"].sign, 1, 1]  # a frame stays right-handed: x is the body's
+    sizes = {"mass_kg": mass} | {f"com_{a}_mm": 1e3 * link[k] for k, a in enumerate("xyz")}
+    effect = make_effect("payload", sizes, scenario, axis="turn")
+    rng = rng_of(f"payload {axis}")
+    jets = {a: rng.uniform(-2, 2, (3, 20)) * [[1], [0], [0]] for a in axes}
+    plain = PlainModel(tmp_path / "tool.xml", axes, "tool", payload={"turn": (mass, r)})
+    chain, rig = scenario.rig.kind.chain, scenario.rig
+    found = moments(chain, {a: Jet(*j) for a, j in jets.items()}, GRAVITY, effect.masses(rig))
+    for name, mapped in axes.items():
+        torque, vector = plain.moments(jets, mapped.joint)
+        within = {"rtol": 0, "atol": 1e-8 * np.abs(vector).max()}
+        np.testing.assert_allclose(found[name][:, 2], mapped.sign * torque, **within)
+
+
+def _along(word, vector):
+    return (-1 if word.startswith("-") else 1) * vector["xyz".index(word[-1])]
+
+
+def bent_base(models, time, angles, matrix):
+    """What a triad reads on a base that tilts by a matrix of compliances, rad/(N m), (2, 2): two
+    springs about its principal directions in plain MuJoCo.
+    """
+    path, axes, site = models["base"]
+    softness, along = np.linalg.eigh(matrix)
+    spec = mujoco.MjSpec.from_file(str(path))
+    root, turned = spec.worldbody.first_body(), path.with_name("turned.xml")
+    R = Rotation.from_quat(np.roll(spec.compile().body(root.name).quat, -1)).as_matrix()
+    springs = {}
+    for k in range(2):
+        axis = R.T @ [*along[:, k], 0.0]
+        root.add_joint(name=f"base_{k}", type=HINGE, axis=axis, pos=R.T @ -np.array(root.pos))
+        springs[f"base_{k}"] = 1 / softness[k]
+    turned.write_text(spec.to_xml())
+    plain = PlainModel(turned, axes, site)
+    plain.springs.update(springs)
+    return plain.readings(time, angles)[0]
+
+
+HINGE = mujoco.mjtJoint.mjJNT_HINGE
+SOFT = np.array([[0.4, 0.15], [0.15, 0.6]]) * ARCSEC  # rad/(N m)
+CROSSED = {"bend_east": 0.4, "bend_north": 0.6, "cross_east": 0.15, "cross_north": 0.15}
+
+
+def test_a_base_that_is_soft_between_east_and_north_is_two_springs_in_plain_mujoco(models):
+    path, axes, _ = models["base"]
+    scenario = load_scenario(path.with_suffix(".toml"))
+    rng, time = rng_of("soft between"), np.arange(0, 12, 0.02)
+    angles = {a: swing(time, *rng.uniform(0.5, 1.5, 2), rng.uniform(0, 6)) for a in axes}
+    drive = drive_of(time, {a: Jet(*jet) for a, jet in angles.items()})
+    honest = closed_form(scenario, drive).force
+    expected = bent_base(models, time, angles, SOFT) - honest
+    sizes = {f"{n}_arcsec_N_m": v for n, v in CROSSED.items()}
+    effect = make_effect("base_load_compliance", sizes, scenario)
+    ours = closed_form(scenario, drive, [effect]).force - honest
+    left = (ours - expected)[120:-120]
+    left -= left.mean(axis=0)  # the weight of the base itself tilts it by as much always
+    assert np.abs(left).max() < 5e-3 * np.ptp(expected, axis=0).max()
+    theirs = mujoco_motion(scenario, drive, [effect]).force - honest
+    assert np.abs((theirs - ours)[120:-120]).max() < 5e-3 * np.abs(ours).max()
+
+
+def test_a_base_that_is_soft_between_east_and_north_is_named_with_its_matrix(models):
+    path, axes, _ = models["base"]
+    rng = rng_of("soft between, read")
+    time, angles = poses_and_moves(rng, list(axes), 24)
+    force = bent_base(models, time, angles, 4 * SOFT)
+    force = force + rng.normal(0, 60e-6 * 9.8 * np.sqrt(50), force.shape)
+    columns = {k: v for a, jet in angles.items() for k, v in axes[a].column(a, jet[0]).items()}
+    columns |= {f"accelerometer_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
+    scenario = load_scenario(path.with_suffix(".toml"))
+    (finding,) = diagnose(scenario, [Recording.from_columns(time, columns)]).findings
+    assert finding.effect == "base_load_compliance"
+    for name, size in CROSSED.items():
+        value, sigma = finding.parameters[f"{name}_arcsec_N_m"]
+        assert abs(value - 4 * size) < 4 * sigma
+
+
+@pytest.mark.parametrize(
+    ("id", "sizes", "error"),
+    [
+        ("joint_readout_scale", {"scale_ppm": 3000}, lambda q: 3e-3 * q),
+        (
+            "joint_harmonic_drive",
+            {"cos_arcsec": 50, "sin_arcsec": -80, "ratio": 50},
+            lambda q: ARCSEC * (50 * np.cos(100 * q) - 80 * np.sin(100 * q)),
+        ),
+    ],
+)
+@pytest.mark.parametrize(("name", "axis"), [("arm", "elbow"), ("lift", "boom")])
+def test_errors_of_the_readout_of_a_joint_are_those_of_plain_mujoco(
+    models, id, sizes, error, name, axis
+):
+    path, axes, site = models[name]
+    scenario = load_scenario(path.with_suffix(".toml"))
+    if axis not in CATALOGUE[id].axes_on(scenario.rig):
+        pytest.skip("of a joint that turns")
+    rng = rng_of(f"{id} {name}")
+    true = {a: rng.uniform(-1, 1, (3, 40)) * [[1], [0], [0]] for a in axes}
+    force, _ = PlainModel(path, axes, site).readings(np.arange(40.0), true)
+    read = {a: jet.copy() for a, jet in true.items()}
+    read[axis][0] += error(true[axis][0])
+    drive = drive_of(np.arange(40.0), {a: Jet(*jet) for a, jet in read.items()})
+    effect = make_effect(id, sizes, scenario, axis=axis)
+    honest = closed_form(scenario, drive).force
+    ours = closed_form(scenario, drive, [effect]).force
+    np.testing.assert_allclose(ours, force, rtol=0, atol=1e-7)
+    assert name == "lift" or np.abs(honest - force).max() > 1e-3
+
+
+def test_a_joint_that_counts_too_much_is_named(models):
+    path, axes, site = models["arm"]
+    rng = rng_of("scale of a joint")
+    time, angles = poses_and_moves(rng, list(axes), 14)
+    force, _ = PlainModel(path, axes, site).readings(time, angles)
+    force = force + rng.normal(0, 60e-6 * 9.8 * np.sqrt(50), force.shape)
+    columns = {k: v for a, jet in angles.items() for k, v in axes[a].column(a, jet[0]).items()}
+    columns["table_elbow_deg"] *= 1 + 1.5e-3
+    columns |= {f"accelerometer_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
+    scenario = load_scenario(path.with_suffix(".toml"))
+    answer = diagnose(scenario, [Recording.from_columns(time, columns)])
+    (finding,) = answer.findings
+    (found,) = (e for e in answer.amended["effect"] if e.get("role") == "found")
+    assert (finding.effect, found["axis"]) == ("joint_readout_scale", "elbow")
+    value, sigma = finding.parameters["scale_ppm"]
+    assert abs(value - 1500) < 4 * sigma
+    assert "cable_torque" in finding.names  # of the same form
+
+
+def test_the_wave_of_a_harmonic_drive_is_named_where_its_gear_is_stated(models, tmp_path):
+    path, axes, site = models["arm"]
+    rng = rng_of("harmonic drive")
+    time, angles = poses_and_moves(rng, list(axes), 10, move=4.0, reach=1.0)
+    force, _ = PlainModel(path, axes, site).readings(time, angles)
+    force = force + rng.normal(0, 60e-6 * 9.8 * np.sqrt(50), force.shape)
+    columns = {k: v for a, jet in angles.items() for k, v in axes[a].column(a, jet[0]).items()}
+    wave = 70 * np.cos(160 * angles["elbow"][0]) - 40 * np.sin(160 * angles["elbow"][0])
+    columns["table_elbow_deg"] += wave / 3600
+    columns |= {f"accelerometer_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
+    shutil.copy(path, tmp_path / path.name)
+    text = path.with_suffix(".toml").read_text()
+    plain = 'joint = "elbow"'
+    assert text.count(plain) == 1
+    file = tmp_path / "s.toml"
+    file.write_text(text.replace(plain, f"{plain}, gear_ratio = 80"))
+    (finding,) = diagnose(load_scenario(file), [Recording.from_columns(time, columns)]).findings
+    assert "joint_harmonic_drive" in finding.names
+
+
+def test_how_heavy_a_payload_may_be_follows_from_the_rated_one(models, tmp_path):
+    path, *_ = models["arm"]
+    shutil.copy(path, tmp_path / path.name)
+    text, file = path.with_suffix(".toml").read_text(), tmp_path / "s.toml"
+    sizes = []
+    for stated_key in ("", "rated_payload_kg = 5\n"):
+        file.write_text(text.replace("[rig]\n", f"[rig]\n{stated_key}"))
+        rig = load_scenario(file).rig
+        found = CATALOGUE["payload"].sizes_on((), rig)
+        assert list(found) == ["mass", "moment_x", "moment_y", "moment_z"]  # com restates these
+        sizes.append([p.plausible[1] * p.factor for p in found.values()])
+    np.testing.assert_allclose(sizes, [[0.5, 0.05, 0.05, 0.05], [2.5, 0.25, 0.25, 0.25]])
+
+
+def test_a_heavy_payload_far_from_a_light_link_is_named(models, tmp_path):
+    """Three times the mass of the link, beyond twice the distance of its centre."""
+    payload = {"wrist": (3.0, (0.3, 0.1, 0.0))}
+    _, recording = recorded(models, "arm", "far", joint_stiffness=SPRING, payload=payload)
+    path = models["arm"][0]
+    shutil.copy(path, tmp_path / path.name)
+    file = tmp_path / "s.toml"
+    known = stated("joint_compliance", axis="lift", bend_z=1 / SPRING["lift"])
+    file.write_text(path.with_suffix(".toml").read_text() + known)
+    (finding,) = diagnose(load_scenario(file), [recording]).findings
+    assert finding.effect == "payload"

@@ -14,7 +14,6 @@ In a run by time steps a joint has the drive and the servo that the model gives 
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +29,8 @@ from tiltcal.core.frames import rotation
 from tiltcal.core.units import MM
 from tiltcal.laboratory.own_model import ModelAxis, ModelReference
 from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
+from tiltsim.couplings import require_tied_joints_read
+from tiltsim.model_sizes import MOST_BODIES, require_few
 
 LARGEST = 64 * 2**20  # bytes
 FOLDERS = ("meshdir", "texturedir", "assetdir")
@@ -53,10 +54,6 @@ def require_inside(folder: Path, path: Path, text: str) -> Path:
     return found
 
 
-MOST_BODIES = 2000
-COPIES = ("replicate",)
-
-
 def check_files(main: Path, folder: Path) -> None:
     """Every file that a model and its parts name lies in a folder; MuJoCo reports one that is
     missing.
@@ -71,7 +68,7 @@ def check_files(main: Path, folder: Path) -> None:
         if path in roots:
             continue
         roots[path] = _parsed(path)
-        _require_few(roots[path], path.name)
+        require_few(roots[path], path.name)
         for name, tag in _named(roots[path]):
             for position in (main.parent, path.parent) if tag in PARTS else ():
                 target = (position / name).resolve()
@@ -85,30 +82,6 @@ def check_files(main: Path, folder: Path) -> None:
                     target = (position / assets / name).resolve()
                     if not target.is_relative_to(folder.resolve()):
                         require_inside(folder, target, name)
-
-
-def _require_few(root: Element, name: str) -> None:
-    """Refuse copies in copies that MuJoCo would make without end.
-
-    Raises:
-        TiltcalError: there are more than bodies are taken.
-    """
-    waiting = [(root, 1)]
-    while waiting:
-        above, times = waiting.pop()
-        for element in above:
-            copies = times
-            if element.tag in COPIES:
-                with suppress(ValueError):  # what is no number MuJoCo refuses itself
-                    copies *= int(element.get("count", "1"))
-            if copies > MOST_BODIES:
-                raise TiltcalError(
-                    f"model {name}, element {element.tag}",
-                    found=f"more than {MOST_BODIES} copies",
-                    need=f"at most {MOST_BODIES}",
-                    do="leave out what does not carry the instrument",
-                )
-            waiting.append((element, copies))
 
 
 def _named(root: Element) -> Iterator[tuple[str, str]]:
@@ -201,7 +174,7 @@ def read_model(
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)  # which MuJoCo writes to a file in the folder
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
+        model = spec_of(path).compile()
     except (ValueError, RuntimeError) as error:
         raise TiltcalError(
             subject,
@@ -220,6 +193,15 @@ def read_model(
         )
     reader = ModelReader(model, text, subject)
     return reader.chain(), {name: reader.frame_of(name) for name in sites}
+
+
+def spec_of(path: Path) -> "mujoco.MjSpec":
+    """A model with all of its bodies: links of a URDF that a fixed joint holds are bodies too,
+    which MuJoCo would fuse, frames of instruments among them.
+    """
+    spec = mujoco.MjSpec.from_file(str(path))
+    spec.compiler.fusestatic = False
+    return spec
 
 
 @dataclass(frozen=True)
@@ -257,6 +239,7 @@ class ModelReader:
         mapped = {self._joint(name, axis): (name, axis) for name, axis in text.axes.items()}
         if len(mapped) < len(text.axes):
             raise self._error("one joint mapped to two axes", "a joint for each axis")
+        require_tied_joints_read(model, set(mapped), subject)
         self.axes = [self._axis(joint, *mapped[joint]) for joint in sorted(mapped)]
 
     def chain(self) -> Chain:
@@ -325,6 +308,7 @@ class ModelReader:
             sign=text.sign,
             offset_deg=text.offset_deg,
             offset_mm=text.offset_mm,
+            gear_ratio=text.gear_ratio,
             reference_deg=0.0 if axis.slides else float(-np.degrees(axis.zero)),
             **self._range(axis, text),
             **self._mass(k),
@@ -417,9 +401,11 @@ class ModelReader:
 
 
 def _frame_along(axis: Array, body: Array) -> Array:
-    """A frame whose z is an axis, and whose x is as near as can be to one of a body's, (3, 3)."""
+    """A frame whose z is an axis, and whose x is as near as can be to one of a body's, the first of
+    those that are equally near but for rounding, (3, 3).
+    """
     z = axis / np.linalg.norm(axis)
-    across = body[:, int(np.argmin(np.abs(body.T @ z)))]
+    across = body[:, int(np.argmin(np.abs(body.T @ z).round(9)))]
     x = across - z * (z @ across)
     x = x / np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])

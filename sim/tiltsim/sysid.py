@@ -34,6 +34,7 @@ from tiltcal.recordings.replay import Replay, replay
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet, Motion
 from tiltsim.fixed_model import Reference, build_in, prescribed_model
+from tiltsim.model_reader import spec_of
 from tiltsim.motion import read_states
 from tiltsim.rig import Rig
 
@@ -68,7 +69,7 @@ class Exchange:
         Raises:
             TiltcalError: a file cannot be read, or they do not belong together.
         """
-        return cls(load_scenario(scenario), mujoco.MjSpec.from_file(str(model)))
+        return cls(load_scenario(scenario), spec_of(Path(model)))
 
     def __post_init__(self) -> None:
         self.reference = Reference.of(self.spec, self.scenario)

@@ -223,13 +223,20 @@ def load_scenario(path: Path | str) -> Scenario:
     return load_as(Scenario, path)
 
 
-def parse_scenario(table: Mapping[str, Any], source: str = "scenario") -> Scenario:
+def parse_scenario(
+    table: Mapping[str, Any], source: str = "scenario", *, folder: Path | str = "."
+) -> Scenario:
     """A scenario from the table of its file, for example ``Diagnosis.amended``.
+
+    Args:
+        table: as the file would hold it.
+        source: what it is called in messages.
+        folder: in which, or below, the model lies that ``[rig] mjcf`` names.
 
     Raises:
         TiltcalError: naming every wrong key.
     """
-    return parse_as(Scenario, dict(table), source)
+    return parse_as(Scenario, dict(table), source, Path(folder))
 
 
 def correct(calibration: Calibration, recording: Recording) -> Recording:

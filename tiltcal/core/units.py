@@ -41,6 +41,7 @@ def _parameter_units() -> dict[str, Unit]:
     units |= _table("ratio", unitless=1.0, ppm=1e-6, percent=1e-2)
     units |= _table("frequency", hz=1.0)
     units |= _table("mass", kg=1.0)
+    units |= _table("first moment of mass", kg_mm=1e-3, kg_m=1.0)
     units |= {"": Unit(1.0, "count")} | _table("count", sigma=1.0)
     units |= _table("SI of the channel", si=1.0)
     for per, quantity in (("g2", "g/g2"), ("g3", "g/g3")):  # coefficients of powers of f in g

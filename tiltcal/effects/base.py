@@ -104,7 +104,7 @@ class Effect(Traits, ABC):
     @classmethod
     def sizes_on(cls, channels: Sequence[str], rig: Rig) -> dict[str, Parameter]:
         """The sizes by their parameter names, for a sensor with these channels on a rig."""
-        sizes = [p for p in cls.parameters if not p.is_shape and p.stands_on(rig)]
+        sizes = [p for p in cls.parameters if p.fits_on(rig)]
         return {n: p for p in sizes for n in p.expand(channels)}
 
     def value(self, name: str) -> float:

@@ -25,6 +25,7 @@ FAMILIES = (
     "table.geometry",
     "table.drive",
     "table.ringing",
+    "table.joint",
     "table.load",
     "mount.mounting",
     "mount.lever",

@@ -52,6 +52,8 @@ class Parameter:
         bounded: whether a shape beyond those that the effect offers for a recording would make
             another functional form of it.
         tables: names of the tables that have it; empty: any.
+        restates: whether it says in other words what further parameters say: nothing is fitted to
+            it.
     """
 
     name: str
@@ -63,10 +65,15 @@ class Parameter:
     whole: bool = False
     bounded: bool = False
     tables: frozenset[str] = frozenset()
+    restates: bool = False
 
     def stands_on(self, rig: Rig) -> bool:
         """Whether the table of a rig has it."""
         return not self.tables or rig.table in self.tables
+
+    def fits_on(self, rig: Rig) -> bool:
+        """Whether it is a size that may be fitted on a rig."""
+        return not self.is_shape and not self.restates and self.stands_on(rig)
 
     def expand(self, axes: Sequence[str]) -> list[str]:
         """Bare names for a sensor with these axes."""

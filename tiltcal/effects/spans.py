@@ -84,9 +84,11 @@ class CoordinateRanges:
         lines: that stand out of the residual.
         ranges: least and largest value of each coordinate, SI; that of a sensor's own input under
             ``<sensor>_input``.
+        gears: ratios of the gears of a user's own model.
     """
 
     duration: float
     rate_hz: float
     lines: SpectralLines = SpectralLines()
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    gears: tuple[float, ...] = ()

@@ -83,49 +83,56 @@ class DrawnAhead:
     ) -> None:
         self.streams, self.shape, self.draw = streams, shape, draw
         self.numbers = np.empty((0, *shape))
-        self.used = np.zeros(shape[0], np.intp)
-        self._together = True  # all rows have used as many
+        self._common: int | None = 0  # used by each row, as long as all have used as many
+        self._used = np.zeros(shape[0], np.intp)  # from then on
 
     def __call__(self, rows: Rows) -> Array:
         """The next numbers of these rows, (n, channels, numbers)."""
         self.need(rows)
         return self.take(self.numbers, rows)
 
+    def used(self, rows: Index) -> Index:
+        """How many numbers each of these rows has used, of those that are held, (n,)."""
+        return np.full(len(rows), self._common) if self._common is not None else self._used[rows]
+
     def need(self, rows: Rows) -> int | None:
         """Have numbers for these rows: how many that all have used were dropped; None: there were
         enough.
         """
-        used = self.used[:1] if self._even(rows) else self.used[rows]
-        if not len(used) or used.max() < len(self.numbers):
+        if self._common is not None:
+            most = done = self._common
+        else:
+            most, done = int(self._used[rows].max(initial=-1)), int(self._used.min())
+        if most < len(self.numbers):
             return None
-        done = int(self.used.min())
         drawn = np.empty((len(self.streams), AHEAD, self.shape[2]))
         for stream, block in zip(self.streams, drawn, strict=True):
             self.draw(stream, out=block)
         more = drawn.reshape(*self.shape[:2], AHEAD, self.shape[2]).transpose(2, 0, 1, 3)
         self.numbers = np.concatenate([self.numbers[done:], more])
-        self.used -= done
+        self._used -= done
+        self._common = None if self._common is None else 0
         return done
 
     def take(self, values: Array, rows: Rows) -> Array:
         """What stands for these rows' next numbers, (n, ...), which are then used. values: one for
         each draw and row, (draws, rows, ...).
         """
-        if self._even(rows):
-            found = values[self.used[0]]
+        if self._common is not None:
+            found = values[self._common, rows]
         else:
-            found = values[self.used[rows], np.arange(self.shape[0])[rows]]
+            found = values[self._used[rows], np.arange(self.shape[0])[rows]]
         self.pass_over(rows)
         return found
 
     def pass_over(self, rows: Rows) -> None:
         """These rows have used their next numbers."""
-        self._together = self._even(rows)
-        self.used[rows] += 1
-
-    def _even(self, rows: Rows) -> bool:
-        """Whether these are all rows, and have used as many numbers."""
-        return self._together and isinstance(rows, slice)
+        if self._common is not None and isinstance(rows, slice):
+            self._common += 1
+            return
+        if self._common is not None:
+            self._used[:], self._common = self._common, None
+        self._used[rows] += 1
 
 
 class SteppedLag:
@@ -154,7 +161,7 @@ class SteppedLag:
         if self.settles:
             first = self.fresh[rows]
             states[:, first] = reading[first]
-        states[4] = np.einsum("s,snk->nk", self.weights, states)
+        states[4] = (self.weights @ states.reshape(5, -1)).reshape(states.shape[1:])
         if self.settles:
             states[4, first] = reading[first]
             self.fresh[rows] = False

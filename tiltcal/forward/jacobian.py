@@ -110,8 +110,8 @@ def candidates(
         for sensor in sensors:
             for axis in cls.axes_on(setup.rig):
                 for p in cls.parameters:
-                    if p.is_shape or not p.stands_on(setup.rig):
-                        continue  # a shape, not a size; or of another table
+                    if not p.fits_on(setup.rig):
+                        continue
                     for name in p.expand(sensor.axes if sensor else ()):
                         yield id, sensor.name if sensor else None, axis, name, p, sizes(p, grade)
 

@@ -5,7 +5,7 @@ joints.
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -38,6 +38,8 @@ class ModelAxis(StrictTable):
     """Angle of a joint that turns, at readout zero, deg."""
     offset_mm: float = 0.0
     """Position of a joint that slides, at readout zero, mm."""
+    gear_ratio: Annotated[float, Field(gt=0)] | None = None
+    """Turns of the motor for one of the joint."""
 
 
 class ModelReference(StrictTable):

@@ -25,6 +25,7 @@ from tiltcal.setup.schedule import Schedule, build_schedule
 from tiltcal.setup.sequence import Climate, Step
 from tiltcal.setup.setup import Setup
 
+HERE = Path()
 CALIBRATION_TERMS = ("bias", "scale", "cross_axis")
 
 
@@ -126,13 +127,20 @@ def load_scenario(path: Path | str) -> Scenario:
     return load_as(Scenario, path)
 
 
-def parse_scenario(table: dict[str, Any], source: str = "scenario") -> Scenario:
+def parse_scenario(
+    table: dict[str, Any], source: str = "scenario", folder: Path = HERE
+) -> Scenario:
     """A scenario from a table, with all errors at once.
+
+    Args:
+        table: as its file would hold it.
+        source: what it is called in messages.
+        folder: in which, or below, the model lies that ``[rig] mjcf`` names.
 
     Raises:
         TiltcalError: naming every wrong key.
     """
-    return parse_as(Scenario, table, source)
+    return parse_as(Scenario, table, source, folder)
 
 
 def load_as(kind: type[Kind], path: Path | str) -> Kind:
@@ -155,10 +163,10 @@ def load_as(kind: type[Kind], path: Path | str) -> Kind:
         raise TiltcalError(
             f"scenario {path.name}", found=str(error), need="valid TOML", do="correct that line"
         ) from error
-    return parse_as(kind, _with_links(table, path), path.name)
+    return parse_as(kind, table, path.name, path.parent)
 
 
-def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
+def _with_links(table: dict[str, Any], source: str, folder: Path) -> dict[str, Any]:
     """A scenario's table with the links of its own model, where it names one.
 
     Raises:
@@ -172,20 +180,21 @@ def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
         model = ModelReference.model_validate({k: v for k, v in rig.items() if k in known})
     except ValidationError as error:
         raise TiltcalError(
-            f"scenario {path.name}, rig",
+            f"scenario {source}, rig",
             found="; ".join(_problem(e) for e in error.errors()),
             need="mjcf, axes and site",
             do="see the guide's page on own models",
         ) from error
-    return with_links(table, model, path.parent)
+    return with_links(table, model, folder)
 
 
-def parse_as(kind: type[Kind], table: dict[str, Any], source: str) -> Kind:
+def parse_as(kind: type[Kind], table: dict[str, Any], source: str, folder: Path = HERE) -> Kind:
     """``parse_scenario`` for a subclass of Scenario.
 
     Raises:
         TiltcalError: as ``parse_scenario`` does.
     """
+    table = _with_links(table, source, folder)
     problems: list[str] = []
     scenario = None
     try:

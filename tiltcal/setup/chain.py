@@ -65,6 +65,8 @@ class Link(LinkFrame):
     """Position of a joint that slides, at readout zero, mm."""
     reference_deg: float = 0.0
     """Readout of a joint that turns, with the model at its reference, deg."""
+    gear_ratio: Annotated[float, Field(gt=0)] | None = None
+    """Turns of the motor for one of the joint; not given: unknown, or no gear."""
     range_deg: tuple[float, float] | None = None
     """Lowest and highest readout of a joint that turns, deg; not given: no limits."""
     range_mm: tuple[float, float] | None = None
@@ -108,6 +110,11 @@ class Chain(StrictTable):
     def links(self) -> Mapping[str, Link]:
         """Each link by its axis."""
         return {link.axis: link for link in self.link}
+
+    @cached_property
+    def gears(self) -> tuple[float, ...]:
+        """The gear ratios that are stated, each once."""
+        return tuple(dict.fromkeys(link.gear_ratio for link in self.link if link.gear_ratio))
 
     @cached_property
     def path(self) -> tuple[str, ...]:

@@ -101,6 +101,8 @@ class Rig(StrictTable):
     """What the table's columns hold: the encoder's angle, or the one the drive was asked for."""
     mount: str = "identity"
     """Rotation from body to faceplate, such as "Rz(180)" or "Rx(90) Rz(180)", deg."""
+    rated_payload_kg: Annotated[float, Field(gt=0)] | None = None
+    """Largest payload of a user's own robot, kg: how large an unknown one may plausibly be."""
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """From the axes' common point to the sensors, in the body frame, m."""
 

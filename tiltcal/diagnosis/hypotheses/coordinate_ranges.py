@@ -42,7 +42,9 @@ def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRan
         for lag in MEMORIES
     }
     rate = max(_sampling_rate(r.time) for r in observations.recordings)
-    return CoordinateRanges(duration, rate, lines, ranges)
+    chain = observations.scenario.rig.kind.chain
+    gears = () if chain is None else chain.gears
+    return CoordinateRanges(duration, rate, lines, ranges, gears)
 
 
 def late_key(coordinate: str, lag: float) -> str:

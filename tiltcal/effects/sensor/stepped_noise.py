@@ -43,10 +43,11 @@ class SteppedNoise:
         self.level = np.zeros((*self.shape, len(taus)))  # at the last sample of the block
         self.walked = np.zeros(self.shape)
         self.fresh = np.ones(self.shape[0], bool)
+        self.begins = True
 
     def restart(self, rows: Rows) -> None:
         """Flicker starts stationary, the walk at zero."""
-        self.fresh[rows] = True
+        self.fresh[rows], self.begins = True, True
 
     def __call__(self, reading: Array, sense: Sense, rows: Rows) -> Array:
         if self.is_slow:
@@ -65,11 +66,13 @@ class SteppedNoise:
             block = np.empty((len(slow.numbers), *self.shape))
             block[:first], self.noise = self.noise[dropped:], block
             self._fill(np.arange(self.shape[0]), first, begins=False)
-        if self.fresh[rows].any():
+        if self.begins:
             begun = np.arange(self.shape[0])[rows][self.fresh[rows]]
-            for first in np.unique(slow.used[begun]):
-                self._fill(begun[slow.used[begun] == first], int(first), begins=True)
+            used = slow.used(begun)
+            for first in np.unique(used):
+                self._fill(begun[used == first], int(first), begins=True)
             self.fresh[begun] = False
+            self.begins = bool(self.fresh.any())
         white.pass_over(rows)
         return slow.take(self.noise, rows)
 

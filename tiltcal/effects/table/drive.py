@@ -2,6 +2,9 @@
 after.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from tiltcal.effects.base import AngleEffect
@@ -92,6 +95,12 @@ class TableUnbalance(AngleEffect):
         )
 
 
+ON_JOINTS = (1.0, 50.0, 500.0)
+"""arcsec/rad, of cables on the joints of a robot: taken that hoses pull with 20 to 25 N m/rad on
+joints that give way by 0.05 to 20 arcsec/(N m) (``load.SPRING``).
+"""
+
+
 class CableTorque(AngleEffect):
     row_wise = True
     id = "cable_torque"
@@ -108,6 +117,13 @@ class CableTorque(AngleEffect):
     look = "a rotation that grows with the angle and does not close at 360 deg"
     linear = True
     family = Family(readout=("table_{axis}",))
+
+    @classmethod
+    def sizes_on(cls, channels: Sequence[str], rig: Rig) -> dict[str, Parameter]:
+        found = super().sizes_on(channels, rig)
+        if rig.kind.chain is not None and "pull" in found:
+            found["pull"] = replace(found["pull"], plausible=ON_JOINTS)
+        return found
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return drive.axes[axis].scaled(self.value("pull"))

@@ -3,6 +3,7 @@ base; and what it carries.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import DEG
@@ -148,12 +149,19 @@ class BaseLoadCompliance(_OfModel):
     parameters = (
         Parameter("bend_east", "arcsec_N_m", SPRING),
         Parameter("bend_north", "arcsec_N_m", SPRING),
+        Parameter("cross_east", "arcsec_N_m", SPRING),
+        Parameter("cross_north", "arcsec_N_m", SPRING),
     )
     physics = (
         "The base and what it stands on give way to the moment of all that moves on it, of its"
-        " weight and of its inertia."
+        " weight and of its inertia. Where it is softest about a direction between East and North,"
+        " a moment about one of them tilts it about the other too; of an elastic base both cross"
+        " terms are the same (Maxwell 1864)."
     )
-    equation = "R_base gains Rx(bend_east M_east) Ry(bend_north M_north), M about the base's origin"
+    equation = (
+        "R_base gains Rx(bend_east M_east + cross_east M_north) Ry(cross_north M_east + bend_north"
+        " M_north), M about the base's origin"
+    )
     source = "Physics: Joints and links"
     excited_by = "poses in which the moment on the base differs"
     look = "a tilt of the base that follows the load moment, whatever the angles"
@@ -162,10 +170,15 @@ class BaseLoadCompliance(_OfModel):
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "base" or self.is_identity or context.rig.kind.chain is None:
             return ()
-        sizes = [self.value("bend_east"), self.value("bend_north")]
-        return _bends(sizes, context.loads.along(BASE))
+        east, north, _ = context.loads.along(BASE)
+        about_east = east.scaled(self.value("bend_east")) + north.scaled(self.value("cross_east"))
+        about_north = east.scaled(self.value("cross_north"))
+        about_north = about_north + north.scaled(self.value("bend_north"))
+        return Turn("x", about_east), Turn("y", about_north)
 
     def compliances(self, rig: Rig) -> Sequence[Compliance]:
+        if self.value("cross_east") or self.value("cross_north"):
+            return ()  # no springs about East and North alone: prescribed
         names = {"x": "bend_east", "y": "bend_north"}
         return [Compliance("base", a, self.value(n)) for a, n in names.items() if n in self.values]
 
@@ -182,6 +195,13 @@ def _springs(effect: FrameEffect, slot: str, axes: str) -> Sequence[Compliance]:
     return [Compliance(slot, a, effect.value(n)) for a, n in names.items() if n in effect.values]
 
 
+NO_MASS = 1.0
+"""kg, of which a first moment is made where a link has no mass."""
+ARM_MM = 100.0
+"""mm, of a rated payload from the centre of the link that carries it: makers' payload diagrams give
+the full load as far as 100 to 300 mm from the flange."""
+
+
 class Payload(LoadEffect):
     rows_apart = True
     stage = "table"
@@ -193,14 +213,16 @@ class Payload(LoadEffect):
     title = "a link carries another mass than the model's"
     parameters = (
         Parameter("mass", "kg", (0.1, 0.5, 2)),
-        *(Parameter(f"com_{a}", "mm", (2, 10, 50)) for a in "xyz"),
+        *(Parameter(f"com_{a}", "mm", (2, 10, 50), restates=True) for a in "xyz"),
+        *(Parameter(f"moment_{a}", "kg_mm", (2, 50, 200)) for a in "xyz"),
     )
     physics = (
         "A link is heavier than the model states, and its centre of mass lies elsewhere: the load"
         " of all joints that carry it is another, and what bends under it bends otherwise."
     )
     equation = (
-        "mass of the link + mass, its centre of mass + com in the link's frame; seen through"
+        "mass of the link + mass, its first moment about its own centre + moment in the link's"
+        " frame; or its centre + com, moment = com (mass of the link + mass); seen through"
         " joint_compliance, link_compliance and base_load_compliance alone"
     )
     source = "Khalil and Dombre 2002; Physics: Joints and links"
@@ -217,8 +239,29 @@ class Payload(LoadEffect):
         if rig.kind.chain is None or self.is_identity:
             return ()
         link = rig.kind.chain.links[self.axis or rig.axis_names[0]]
-        x, y, z = (c + self.value(f"com_{a}") for a, c in zip("xyz", link.centre_m, strict=True))
+        mass, (x, y, z) = self.value("mass"), link.centre_m
+        total = link.mass_kg + mass
+        carrying = total if total > 0 else NO_MASS
+        shift = [
+            (total * self.value(f"com_{a}") + self.value(f"moment_{a}")) / carrying for a in "xyz"
+        ]
+        there = (x + shift[0], y + shift[1], z + shift[2])
         return (
-            Mass(link.axis, link.mass_kg + self.value("mass"), (x, y, z)),
-            Mass(link.axis, -link.mass_kg, link.centre_m),
+            Mass(link.axis, mass, link.centre_m),
+            Mass(link.axis, carrying, there),
+            Mass(link.axis, -carrying, link.centre_m),
         )
+
+    @classmethod
+    def sizes_on(cls, channels: Sequence[str], rig: Rig) -> dict[str, Parameter]:
+        found = super().sizes_on(channels, rig)
+        rated = rig.rated_payload_kg
+        if rated is None:
+            return found
+        largest = {
+            name: rated * (ARM_MM if p.unit == "kg_mm" else 1.0) for name, p in found.items()
+        }
+        return {
+            name: replace(p, plausible=(largest[name] / 10, largest[name] / 2, largest[name]))
+            for name, p in found.items()
+        }

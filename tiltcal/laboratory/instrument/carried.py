@@ -45,7 +45,7 @@ class CarriedInstrument:
         step_s: float,
         *,
         envs: int = 1,
-        seed: int | None = None,
+        seed: int | None = 0,
         lost: Literal["hold", "nan"] = "hold",
         mover: Mover = closed_form,
         realised: Sequence[str] = (),

@@ -33,29 +33,36 @@ class History:
     """
 
     def __init__(self, longest: float, rows: int, width: int) -> None:
-        self.inputs = np.zeros((int(np.ceil(longest)) + NODES, rows, width))
+        self.length = int(np.ceil(longest)) + NODES
+        # the newest first, in a window that moves down; twice as long, so that it is whole
+        self.inputs = np.zeros((2 * self.length, rows, width))
         self.at = 0
+        self._asked: dict[float, Array] = {}
 
     def add(self, values: Array, begun: Index) -> None:
         """The inputs of a step, (rows, width); environments that have ``begun`` were always there:
         they stood still before.
         """
-        self.at = (self.at + 1) % len(self.inputs)
-        self.inputs[self.at] = values
+        self.at = (self.at or self.length) - 1
+        self.inputs[self.at] = self.inputs[self.at + self.length] = values
         if len(begun):
             self.inputs[:, begun] = values[begun]
+        self._asked.clear()
 
     def before(self, steps: float, rows: Rows) -> Array:
         """The inputs some steps ago, not before the first, (n, width)."""
+        if steps not in self._asked:  # sensors that are alike late ask for the same
+            self._asked[steps] = self._ago(steps)
+        return self._asked[steps][rows]
+
+    def _ago(self, steps: float) -> Array:
+        """The inputs of all environments some steps ago, (rows, width)."""
         whole = round(steps)
         if abs(steps - whole) < WHOLE:
-            return self._ago(whole, rows)
+            return np.asarray(self.inputs[self.at + whole])
         first, weights = nodes_about(steps)
-        nodes = (self.at - first - np.arange(NODES)) % len(self.inputs)
-        return np.asarray(np.einsum("s,snw->nw", weights, self.inputs[nodes][:, rows]))
-
-    def _ago(self, steps: int, rows: Rows) -> Array:
-        return np.asarray(self.inputs[(self.at - steps) % len(self.inputs)][rows])
+        nodes = self.inputs[self.at + first : self.at + first + NODES]
+        return np.asarray((weights @ nodes.reshape(NODES, -1)).reshape(nodes.shape[1:]))
 
 
 @cache
@@ -86,13 +93,30 @@ class Surroundings:
 
     def warmth(self, elapsed: Array) -> Array:
         """Temperature minus T0, K, (n,). elapsed: s, (n,)."""
+        if self._steady is not None:
+            return _same(self._steady, len(elapsed))
         return self.scenario.climate.at(elapsed) - self._reference
+
+    @cached_property
+    def _steady(self) -> float | None:
+        """Temperature minus T0 where it never changes, K."""
+        climate = self.scenario.climate
+        still = not (climate.ramp_degC_h or climate.swing_degC or climate.change_degC)
+        return float(climate.at(np.zeros(1))[0] - self._reference) if still else None
 
     @cached_property
     def _reference(self) -> float:
         """T0, degC: where it is not stated the mean over the scenario's own sequence, if any."""
         start, end = self.scenario.schedule.times if self.scenario.sequence else (0.0, 0.0)
         return self.scenario.climate.reference(end - start)
+
+
+@cache
+def _same(value: float, n: int) -> Array:
+    """A number for each row, (n,)."""
+    found = np.full(n, value)
+    found.flags.writeable = False
+    return found
 
 
 @cache

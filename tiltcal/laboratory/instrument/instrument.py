@@ -1,5 +1,6 @@
 """The sensors of a scenario on motion that is not ours, step by step and causal."""
 
+import warnings
 from collections.abc import Sequence
 from typing import Literal
 
@@ -14,6 +15,8 @@ from tiltcal.laboratory.instrument.chain import INPUT, History, SensorChain, Sur
 from tiltcal.laboratory.laboratory import NEW
 from tiltcal.laboratory.scenario import Scenario
 
+NONE = np.empty(0, np.intp)
+
 
 class Instrument:
     """The whole chain of errors that a scenario states, on the motion of any simulation.
@@ -26,7 +29,7 @@ class Instrument:
         step_s: between two calls of ``step``, s.
         envs: environments that are stepped together.
         seed: of the first environment, the next ones have the next numbers; None: without random
-            effects and quantisation.
+            effects and quantisation, and a warning that names what is left out.
         lost: what stands for a lost sample: the last one (``hold``) or NaN (``nan``).
         effects: instead of those of the scenario.
 
@@ -41,7 +44,7 @@ class Instrument:
         step_s: float,
         *,
         envs: int = 1,
-        seed: int | None = None,
+        seed: int | None = 0,
         lost: Literal["hold", "nan"] = "hold",
         effects: Sequence[Effect] | None = None,
     ) -> None:
@@ -50,6 +53,8 @@ class Instrument:
         self._checked = False
         self._rate_hz = round(1 / step_s, 9)
         self.random = seed is not None
+        if not self.random and effects is None:
+            _say_what_is_off(self.effects)
         self._build(seed)
 
     def reset(self, rows: Mask | None = None, *, seed: int | None = None) -> None:
@@ -64,7 +69,7 @@ class Instrument:
             self._build(seed)
             return
         which: Rows = slice(None) if rows is None else np.flatnonzero(rows)
-        self.count[which] = 0
+        self.count[which], self._begins = 0, True
         for chain in self.chains:
             chain.restart(which)
 
@@ -76,7 +81,7 @@ class Instrument:
         ]
         longest = max(chain.longest_s for chain in self.chains) / self.step_s
         self.history = History(longest, self.envs, INPUT)
-        self.count = np.zeros(self.envs, np.intp)
+        self.count, self._begins = np.zeros(self.envs, np.intp), True
 
     def step(
         self, force: Array | None, rate: Array | None, angular_acceleration: Array | None = None
@@ -104,7 +109,9 @@ class Instrument:
             for chain in self.chains:
                 chain.require_inputs(np.where(absent, np.nan, 1.0))
             self._checked = True
-        self.history.add(inputs, np.flatnonzero(self.count == 0))
+        begun = np.flatnonzero(self.count == 0) if self._begins else NONE
+        self.history.add(inputs, begun)
+        self._begins = False
         elapsed = self.count / self._rate_hz
         found = {chain.sensor.name: self._read(chain, elapsed) for chain in self.chains}
         self.count += 1
@@ -130,6 +137,12 @@ class Instrument:
         """The environments whose sensor is sampled every so many steps, and now."""
         due = self.count % every == 0
         return slice(None) if due.all() else np.flatnonzero(due)
+
+
+def _say_what_is_off(effects: Sequence[Effect]) -> None:
+    """Warn of random effects that an instrument without a seed leaves out."""
+    if off := [e.address for e in effects if e.random]:
+        warnings.warn(f"seed=None leaves out {', '.join(off)}", stacklevel=3)
 
 
 def live_effects(scenario: Scenario) -> list[Effect]:

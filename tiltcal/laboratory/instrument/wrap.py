@@ -3,6 +3,7 @@ a MuJoCo model.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Literal
 
 import gymnasium
@@ -13,6 +14,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.laboratory.instrument.instrument import Instrument
 from tiltcal.laboratory.instrument.sources import (
+    SENSED_BY,
+    Clock,
     ModelSensor,
     Source,
     index_of,
@@ -52,11 +55,11 @@ class Fitting:
         is_dict = isinstance(space, gymnasium.spaces.Dict)
         self.indices = {n: index_of(s, is_dict) for n, s in sources.items() if s is not None}
         self.inputs = {n: self._input(n, s) for n, s in sources.items() if s is not None}
-        kinds = {"force": "accelerometer", "rate": "gyro"}
+        self.clocks = [(body, Clock(instrument.step_s)) for body in simulated(env)]
         self.pairs = [
             (where, sensors[0])
             for name, where in self.indices.items()
-            if where is not None and (sensors := instrument.scenario.sensors(kinds[name]))
+            if where is not None and (sensors := instrument.scenario.sensors(SENSED_BY[name]))
         ]
 
     def _input(self, name: str, source: Source) -> Callable[[Any], Array]:
@@ -65,21 +68,31 @@ class Fitting:
             return lambda observation: triad(taken(observation, where), name)
         if callable(source):
             return lambda observation: triad(source(observation), name)
-        bodies = getattr(self.env, "envs", [self.env])
-        if not all(hasattr(body.unwrapped, "model") for body in bodies):
+        bodies = simulated(self.env)
+        if not bodies:
             raise TiltcalError(
                 f"`{name}`",
-                found=f"'{source}', and an environment without a MuJoCo model at hand",
+                found=f"'{source}', and an environment without a MuJoCo model in this process",
                 need="an index into the observation, or a function of it",
-                do="give a slice or a function",
+                do="give a slice or a function; of environments in processes of their own, put"
+                " force and rate into the observation",
             )
-        sensors = [(b.unwrapped, ModelSensor(b.unwrapped.model, str(source))) for b in bodies]
+        sensors = [(b, ModelSensor(b.model, str(source), name)) for b in bodies]
         return lambda _: triad(np.array([s(b.data.sensordata) for b, s in sensors]), name)
+
+    def begin(self, rows: Any = None, *, seed: int | None = None) -> None:
+        """Episodes begin: the instrument is switched on. As ``Instrument.reset``."""
+        self.instrument.reset(rows, seed=seed)
+        for k, (_, clock) in enumerate(self.clocks):
+            if rows is None or rows[k]:
+                clock.restart()
 
     def read(self, observation: Any) -> tuple[Any, dict[str, Array]]:
         """The observation that the policy gets, and all readings. The readings are (k,) each,
         SI.
         """
+        for body, clock in self.clocks:
+            clock.tick(float(body.data.time))
         inputs = {name: take(observation) for name, take in self.inputs.items()}
         found = self.instrument.step(inputs.get("force"), inputs.get("rate"))
         single = not isinstance(self.env, VectorEnv)
@@ -107,7 +120,7 @@ class InstrumentedEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
     ) -> tuple[Any, dict[str, Any]]:
         """A new episode: the instrument is switched on."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self.fitting.instrument.reset(seed=seed)
+        self.fitting.begin(seed=seed)
         observation, readings = self.fitting.read(observation)
         return observation, {**info, "readings": readings}
 
@@ -133,7 +146,7 @@ class InstrumentedVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         """New episodes; of some environments with the option ``reset_mask``."""
         observation, info = self.env.reset(seed=seed, options=options)
         mask = (options or {}).get("reset_mask")
-        self.fitting.instrument.reset(mask, seed=seed)
+        self.fitting.begin(mask, seed=seed)
         self.over[:] = False
         observation, readings = self.fitting.read(observation)
         return observation, {**info, "readings": readings}
@@ -154,7 +167,13 @@ class InstrumentedVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
 
     def _begin(self, rows: Any) -> None:
         if rows.any():
-            self.fitting.instrument.reset(rows)
+            self.fitting.begin(rows)
+
+
+def simulated(env: Any) -> list[Any]:
+    """The environments of this process that simulate with MuJoCo: all of them, or none."""
+    bodies = [body.unwrapped for body in getattr(env, "envs", [env])]
+    return bodies if all(hasattr(b, "model") and hasattr(b, "data") for b in bodies) else []
 
 
 def step_of(env: Any, step_s: float | None) -> float:
@@ -163,17 +182,18 @@ def step_of(env: Any, step_s: float | None) -> float:
     Raises:
         TiltcalError: it does not say, and none is given.
     """
-    known = getattr(getattr(env, "envs", [env])[0].unwrapped, "dt", None)
     if step_s is not None:
         return step_s
-    if known is None:
-        raise TiltcalError(
-            f"environment {type(env.unwrapped).__name__}",
-            found="no time step `dt`",
-            need="the time between two observations",
-            do="give step_s",
-        )
-    return float(known)
+    with suppress(AttributeError):  # a vector environment may ask processes of their own
+        steps = env.get_attr("dt") if hasattr(env, "get_attr") else [env.unwrapped.dt]
+        if len(set(steps)) == 1:
+            return float(steps[0])
+    raise TiltcalError(
+        f"environment {type(env.unwrapped).__name__}",
+        found="no time step `dt`, or not the same of all",
+        need="the time between two observations",
+        do="give step_s",
+    )
 
 
 def fitted(
@@ -219,7 +239,7 @@ def wrap(
         step_s: between observations; None: the environment's ``dt``, the model's time step.
         envs: of an MjModel, states that are read together; an environment states it itself.
         seed: of the random effects; environment k has seed + k. None: without them and without
-            quantisation.
+            quantisation, and a warning that names what is left out.
         lost: what stands for a lost sample: the last one, or NaN.
 
     Returns:
@@ -263,8 +283,9 @@ class ModelInstrument:
         require_sources(scenario, sources)
         step = float(model.opt.timestep) if step_s is None else step_s
         self.instrument = Instrument(scenario, step, envs=envs, seed=seed, lost=lost)
+        self.clock = Clock(step)
         self.inputs = {
-            name: ModelSensor(model, source) if isinstance(source, str) else source
+            name: ModelSensor(model, source, name) if isinstance(source, str) else source
             for name, source in sources.items()
             if source is not None
         }
@@ -272,13 +293,19 @@ class ModelInstrument:
     def reset(self, rows: Any = None, *, seed: int | None = None) -> None:
         """The power is switched on; rows: (envs,) bool, None: all."""
         self.instrument.reset(rows, seed=seed)
+        self.clock.restart()
 
     def read(self, data: Any) -> dict[str, Array]:
         """The readings of this step, SI, (envs, k) by sensor name.
 
         Args:
             data: MjData, or the ``sensordata`` of several states, (envs, nsensordata).
+
+        Raises:
+            TiltcalError: the MjData is not one step after the last.
         """
+        if hasattr(data, "sensordata"):
+            self.clock.tick(float(data.time))
         values = np.asarray(getattr(data, "sensordata", data))
         found: dict[str, Array | None] = {"force": None, "rate": None}
         for name, source in self.inputs.items():

@@ -594,7 +594,7 @@ def test_a_base_that_is_soft_between_east_and_north_is_named_with_its_matrix(mod
 @pytest.mark.parametrize(
     ("id", "sizes", "error"),
     [
-        ("joint_readout_scale", {"scale_ppm": 3000}, lambda q: 3e-3 * q),
+        ("rate_error", {"rate_ppm": 3000}, lambda q: q / 1.003 - q),
         (
             "joint_harmonic_drive",
             {"cos_arcsec": 50, "sin_arcsec": -80, "ratio": 50},
@@ -636,9 +636,9 @@ def test_a_joint_that_counts_too_much_is_named(models):
     answer = diagnose(scenario, [Recording.from_columns(time, columns)])
     (finding,) = answer.findings
     (found,) = (e for e in answer.amended["effect"] if e.get("role") == "found")
-    assert (finding.effect, found["axis"]) == ("joint_readout_scale", "elbow")
-    value, sigma = finding.parameters["scale_ppm"]
-    assert abs(value - 1500) < 4 * sigma
+    assert (finding.effect, found["axis"]) == ("rate_error", "elbow")
+    value, sigma = finding.parameters["rate_ppm"]
+    assert abs(value + 1500) < 4 * sigma
     assert "cable_torque" in finding.names  # of the same form
 
 

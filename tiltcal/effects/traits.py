@@ -53,6 +53,8 @@ class Traits:
     """It takes more from a whole course, but can act where rows have their own motion alone."""
     same_form_as: ClassVar[str] = ""
     """Id of an effect with the same readings under all circumstances, which stands for both."""
+    apart_on_joints: ClassVar[bool] = False
+    """On a user's own model both are looked for: there either is as common."""
     form: ClassVar[Literal["law", "any", "unknown"]] = "law"
     """Whether the name implies a functional form, is valid for any curve, or stands for curves
     only.

@@ -183,10 +183,15 @@ def _eligible(cls: type[Effect], scenario: Scenario) -> bool:
         cls.has_column()
         and cls.shows_on(scenario.rig)
         and _told_on(cls, scenario)
-        and not cls.same_form_as
+        and not (cls.same_form_as and not _apart_on(cls, scenario))
         and not cls.acts_from_an_instant
         and cls.form != "unknown"
     )
+
+
+def _apart_on(cls: type[Effect], scenario: Scenario) -> bool:
+    """Whether an effect is looked for beside another of the same form."""
+    return cls.apart_on_joints and scenario.rig.kind.chain is not None
 
 
 def _told_on(cls: type[Effect], scenario: Scenario) -> bool:

@@ -117,13 +117,14 @@ class CableTorque(AngleEffect):
     look = "a rotation that grows with the angle and does not close at 360 deg"
     linear = True
     family = Family(readout=("table_{axis}",))
+    on_joints = ON_JOINTS
 
     @classmethod
     def sizes_on(cls, channels: Sequence[str], rig: Rig) -> dict[str, Parameter]:
         found = super().sizes_on(channels, rig)
-        if rig.kind.chain is not None and "pull" in found:
-            found["pull"] = replace(found["pull"], plausible=ON_JOINTS)
-        return found
+        if rig.kind.chain is None:
+            return found
+        return {name: replace(p, plausible=cls.on_joints) for name, p in found.items()}
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return drive.axes[axis].scaled(self.value("pull"))
@@ -134,14 +135,22 @@ class CableTorque(AngleEffect):
 
 class RateError(CableTorque):
     id = "rate_error"
-    title = "rate scale or stability of the table"
+    title = "scale of an axis: its rate, or its readout"
     parameters = (Parameter("rate", "ppm", (10, 100, 10000)),)
-    physics = "The table's rate reference is off: every turn is longer or shorter than commanded."
+    physics = (
+        "The table's rate reference is off: every turn is longer or shorter than commanded. The"
+        " readout of a joint behind a gear, a belt or a lead screw, or of a potentiometer, counts"
+        " more or less than the joint moves; a graduated disc on the joint itself cannot."
+    )
     equation = "true = readout (1 + e)"
     excited_by = "turning"
     look = "a common scale of all gyro axes; angle closure after whole turns shows it"
-    source = "IEEE 1554; Physics: Table mechanics"
+    source = "IEEE 1554; Mooring, Roth and Driels 1991; Physics: Table mechanics"
     same_form_as = "cable_torque"
+    apart_on_joints = True
+    on_joints = (10.0, 1000.0, 10000.0)  # ppm: tolerance of gears, belts and potentiometers
+    on_slides = True
+    distinguished_by = {"cable_torque": "turn the joint a whole turn further, against a reference"}
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return drive.axes[axis].scaled(self.value("rate"))

@@ -7,29 +7,6 @@ from tiltcal.effects.traits import Family
 from tiltcal.setup.trajectory import Jet
 
 
-class JointReadoutScale(ReadoutError):
-    id = "joint_readout_scale"
-    title = "scale of a joint's readout"
-    parameters = (Parameter("scale", "ppm", (10, 1000, 10000)),)
-    physics = (
-        "A readout behind a gear, a belt or a lead screw, or of a potentiometer, counts more or"
-        " less than the joint moves. A graduated disc on the joint itself cannot: it has as many"
-        " lines every turn."
-    )
-    equation = "readout = true (1 + s), from readout zero on"
-    source = "Mooring, Roth and Driels 1991; Physics: Joints and links"
-    excited_by = "a large range of the joint"
-    look = "a rotation that grows with the joint's readout"
-    linear = True
-    of_model = True
-    on_slides = True
-    family = Family(readout=("table_{axis}",))  # no track of a potentiometer is quite straight
-    distinguished_by = {"cable_torque": "turn the joint a whole turn further, against a reference"}
-
-    def error(self, true: Jet, axis: str) -> Jet:
-        return true.scaled(self.value("scale"))
-
-
 class HarmonicDriveError(ReadoutError):
     id = "joint_harmonic_drive"
     title = "kinematic error of a harmonic drive"

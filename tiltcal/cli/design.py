@@ -19,7 +19,7 @@ from tiltcal.cli.design_options import (
     Separation,
     Split,
     TableTime,
-    axis_limits,
+    within_options,
 )
 from tiltcal.cli.options import SEED, EngineName, Jobs, Json
 from tiltcal.cli.output import (
@@ -118,7 +118,7 @@ def design(
         asked = (split, scenario_file, separation, table)
         with shared_engine(engine, jobs) as opened:
             return design_separating_block(*asked, opened, output, as_json)
-    scenario = _scenario_of(scenario_file, aim)
+    scenario = within_options(_scenario_of(scenario_file, aim), table.angles, table.start)
     if all_effects_observable is not None:
         wanted = (all_effects_observable, aim, table, seed)
         with shared_engine(engine, jobs) as opened:
@@ -155,15 +155,15 @@ def _scenario_of(path: Path | None, aim: Aim) -> Scenario:
 
 def clock_given(table: TableTime, scenario: Scenario) -> Clock:
     """Speed, times and limits of the table, as the options state them."""
-    axes = Still(scenario, table.budget_s).axes
     return clock_of(
         scenario,
         table.budget_s,
         table.rate_deg_s,
         table.settle_s,
         table.dwell_s,
-        axis_limits(table.angles, axes),
+        None,
         table.step_deg,
+        table.home,
     )
 
 
@@ -368,7 +368,8 @@ def design_separating_block(
             need="the scenario that was diagnosed",
             do="add --scenario TOML",
         )
-    scenario = load_nominal_scenario(described)
+    nominal = load_nominal_scenario(described)
+    scenario = within_options(nominal, table.angles, table.start)
     diagnosis = read_diagnosis(split)
     amended = require_file(split.with_name("amended.toml"), "amended scenario")
     data = [read_recording(p) for p in _recordings_of(diagnosis, split, wanted.recordings)]
@@ -376,8 +377,7 @@ def design_separating_block(
         table.budget_s / 60,
         table.rate_deg_s,
         table.dwell_s[0],
-        axis_limits(table.angles),
-        wanted.rate_mm_s,
+        slide_rate=wanted.rate_mm_s,
     )
     with progress_line() as progress:
         amended_table = read_toml(amended, "amended scenario", AMENDED)

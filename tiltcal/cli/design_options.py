@@ -9,9 +9,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.cli.options import SEVERAL, WHOLE, AxisLimits, Grade, between
+from tiltcal.cli.options import SEVERAL, WHOLE, AxisLimits, Grade, StartAngles, between
 from tiltcal.core.errors import TiltcalError
 from tiltcal.design.recording_blocks import SLIDE_RATE
+from tiltcal.laboratory.scenario import Scenario, narrowed
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,10 @@ class TableTime:
         tuple[float, float], Parameter(help="Shortest and longest time of a reading.")
     ] = (5.0, 60.0)
     angles: AxisLimits = ()
+    start: StartAngles = ()
+    home: Annotated[
+        bool, Parameter(help="End where the sequence starts; the way back is in the budget.")
+    ] = False
     step_deg: Annotated[
         float,
         Parameter(
@@ -128,14 +133,40 @@ Split = Annotated[
 LARGEST = 3600.0  # deg; mm of an axis that slides
 
 
-def axis_limits(
-    texts: Sequence[str], axes: Collection[str] | None = None
-) -> dict[str, tuple[float, float]]:
+def within_options(scenario: Scenario, angles: Sequence[str], start: Sequence[str]) -> Scenario:
+    """The scenario whose rig keeps to --angles and starts at --from.
+
+    Args:
+        scenario: with the rig.
+        angles: values of --angles.
+        start: values of --from.
+
+    Raises:
+        TiltcalError: a text does not read, the rig has no such axis, or a joint rules it out.
+    """
+    axes = scenario.rig.axis_names
+    return narrowed(scenario, axis_limits(angles, axes), dict(_start(t, axes) for t in start))
+
+
+def _start(text: str, axes: Collection[str]) -> tuple[str, float]:
+    axis, _, position = text.partition("=")
+    try:
+        return axis, _limit(f"{axis}={position}:{position}", axes)[1][0]
+    except TiltcalError as error:
+        raise TiltcalError(
+            f"--from {text}",
+            found=error.found,
+            need="an axis of this table and where it stands, deg or mm, such as outer=30",
+            do="correct it",
+        ) from error
+
+
+def axis_limits(texts: Sequence[str], axes: Collection[str]) -> dict[str, tuple[float, float]]:
     """Lowest and highest readout of each named axis, deg, or mm where it slides.
 
     Args:
         texts: values of the option.
-        axes: the axes of the table, where they are known.
+        axes: the axes of the table.
 
     Raises:
         TiltcalError: a text is not AXIS=LOW:HIGH, or the table has no such axis.
@@ -143,7 +174,7 @@ def axis_limits(
     return dict(_limit(text, axes) for text in texts)
 
 
-def _limit(text: str, axes: Collection[str] | None) -> tuple[str, tuple[float, float]]:
+def _limit(text: str, axes: Collection[str]) -> tuple[str, tuple[float, float]]:
     axis, _, span = text.partition("=")
     low, _, high = span.partition(":")
     try:
@@ -157,7 +188,7 @@ def _limit(text: str, axes: Collection[str] | None) -> tuple[str, tuple[float, f
             need="an axis and two angles in deg, such as outer=-45:45",
             do="correct it",
         )
-    if axes is not None and axis not in axes:
+    if axis not in axes:
         raise TiltcalError(
             f"--angles {text}",
             found=f"no axis {axis} in this table",

@@ -127,7 +127,7 @@ def _lengths(problem: Problem, cycle: Array) -> Iterator[Array]:
     if len(cycle) == 0:
         return
     clock = problem.clock
-    repeated = unwound(np.tile(cycle, (-(-MOST // len(cycle)), 1)), clock.limits)
+    repeated = unwound(np.tile(cycle, (-(-MOST // len(cycle)), 1)), clock.limits, clock.origin)
     cost = np.cumsum(clock.moves(repeated) + clock.settle + clock.shortest)
     for n in range(1, int(np.searchsorted(cost, clock.budget, side="right")) + 1):
         if cost[n - 1] + n * (clock.longest - clock.shortest) >= 0.5 * clock.budget:

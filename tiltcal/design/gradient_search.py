@@ -126,15 +126,16 @@ class _Climb:
     def __call__(self, x: Array) -> tuple[float, Array]:
         model, clock = self.problem.model, self.problem.clock
         angles, z = x[: self.n * self.axes].reshape(self.n, self.axes), x[self.n * self.axes :]
-        leg = np.diff(angles, axis=0, prepend=np.zeros((1, self.axes)))
+        origin = clock.origin[None]
+        leg = np.diff(angles, axis=0, prepend=origin, append=origin)[: self.n + clock.returns]
         moves, by_leg = _soft_largest(leg, clock.rate)
         free = clock.budget - moves.sum() - self.n * (clock.settle + clock.shortest)
         if free <= 0:  # back inside, the shortest way
-            return 1e4 - free, np.concatenate([_of_legs(by_leg).ravel(), np.zeros(self.n)])
+            return 1e4 - free, np.concatenate([_of_legs(by_leg, self.n).ravel(), np.zeros(self.n)])
         share = np.exp(z - z.max())
         share /= share.sum()
         dwell = clock.shortest + free * share
-        time = np.cumsum(moves + clock.settle + dwell) - dwell / 2
+        time = np.cumsum(moves[: self.n] + clock.settle + dwell) - dwell / 2
         rows, slopes, by_time = self._rows(angles, time)
         weights = model.weights(dwell)
         flat = (rows * np.sqrt(weights)[:, :, None]).reshape(-1, rows.shape[2])
@@ -146,13 +147,13 @@ class _Climb:
         of_dwell = (np.einsum("nkp,nkp->nk", pull, rows) * weights**2 * model.white**2).sum(
             axis=1
         ) / dwell**2
-        of_move = np.zeros(self.n)
+        of_move = np.zeros(len(leg))
         if by_time is not None:
             of_time = 2 * np.einsum("nk,nkp,nkp->n", weights, pull, by_time)
             later = np.cumsum(of_time[::-1])[::-1]
-            of_move, of_dwell = later, of_dwell + later - of_time / 2
+            of_move[: self.n], of_dwell = later, of_dwell + later - of_time / 2
         of_free = float((of_dwell * share).sum())
-        of_angle += _of_legs((of_move - of_free)[:, None] * by_leg)
+        of_angle += _of_legs((of_move - of_free)[:, None] * by_leg, self.n)
         return -value, -np.concatenate([of_angle.ravel(), free * share * (of_dwell - of_free)])
 
     def _rows(self, angles: Array, time: Array) -> tuple[Array, Array, Array | None]:
@@ -180,8 +181,8 @@ def _soft_largest(leg: Array, rate: float) -> tuple[Array, Array]:
     return size / rate, square ** (POWER // 2 - 1) * leg * (size / total)[:, None] / rate
 
 
-def _of_legs(by_leg: Array) -> Array:
-    """Gradient by the angles from that by the legs between them."""
-    found = by_leg.copy()
-    found[:-1] -= by_leg[1:]
+def _of_legs(by_leg: Array, poses: int) -> Array:
+    """Gradient by the angles from that by the legs to them, and by the way back if there is one."""
+    found = by_leg[:poses].copy()
+    found[: len(by_leg) - 1] -= by_leg[1:]
     return found

@@ -124,6 +124,7 @@ def paths(problem: Problem, rng: np.random.Generator, count: int) -> Iterator[Ar
             np.arange(n)[:, None] * slope
             + rng.normal(0, 0.1, (n, axes))
             + rng.uniform(-0.5, 0.5, axes)
+            + clock.origin
         )
         while len(angles) > 1 and float(clock.spare(folded(angles, clock))) < 0:
             angles = angles[:-1]
@@ -145,9 +146,13 @@ def changed(problem: Problem, draft: Draft, rng: np.random.Generator, trials: in
     """The best draft after one change: a pose less, a pose more, a stretch reversed, a pose from
     the other side.
     """
-    candidates = [*_shorter(draft), *_longer(draft, rng), *_reversed(problem, draft)]
+    candidates = [
+        *_shorter(draft),
+        *_longer(draft, problem.clock.origin, rng),
+        *_reversed(problem, draft),
+    ]
     if problem.model.axes == 2 and all(pair is None for pair in problem.clock.limits):
-        candidates += list(_other_side(draft))
+        candidates += list(_other_side(draft, problem.clock.origin))
     rng.shuffle(candidates)
     rated = [
         problem.rated(folded(angles, problem.clock), z) for angles, z in candidates[: 4 * trials]
@@ -166,9 +171,9 @@ def _shorter(draft: Draft) -> Iterator[tuple[Array, Array]]:
             yield np.delete(draft.angles, k, axis=0), np.delete(draft.z, k)
 
 
-def _longer(draft: Draft, rng: np.random.Generator) -> Iterator[tuple[Array, Array]]:
+def _longer(draft: Draft, origin: Array, rng: np.random.Generator) -> Iterator[tuple[Array, Array]]:
     """A pose between two, anywhere near the way."""
-    angles = np.vstack([np.zeros(draft.angles.shape[1]), draft.angles])
+    angles = np.vstack([origin, draft.angles])
     for k in range(len(draft.angles)):
         between = (angles[k] + angles[k + 1]) / 2 + rng.normal(0, 0.15, angles.shape[1])
         yield np.insert(draft.angles, k, between, axis=0), np.insert(draft.z, k, draft.z[k])
@@ -189,17 +194,17 @@ def _reversed(problem: Problem, draft: Draft) -> Iterator[tuple[Array, Array]]:
 
 def _ends(angles: Array, i: int, j: int, clock: Clock) -> float:
     """Seconds that the reversal of poses i..j costs."""
-    before = angles[i - 1] if i else np.zeros_like(angles[0])
+    before = angles[i - 1] if i else clock.origin
     cost = np.abs(angles[j] - before).max() - np.abs(angles[i] - before).max()
     if j + 1 < len(angles):
         cost += np.abs(angles[j + 1] - angles[i]).max() - np.abs(angles[j + 1] - angles[j]).max()
     return float(cost / clock.rate)
 
 
-def _other_side(draft: Draft) -> Iterator[tuple[Array, Array]]:
+def _other_side(draft: Draft, origin: Array) -> Iterator[tuple[Array, Array]]:
     """The dual table turns a direction up from two sides: (a, b) and (-a, b + 180 deg)."""
     for k in range(len(draft.angles)):
-        before = draft.angles[k - 1] if k else np.zeros(2)
+        before = draft.angles[k - 1] if k else origin
         other = np.array([-draft.angles[k, 0], draft.angles[k, 1] + np.pi])
         angles = draft.angles.copy()
         angles[k] = before + (other - before + np.pi) % (2 * np.pi) - np.pi

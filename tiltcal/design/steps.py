@@ -16,12 +16,11 @@ from tiltcal.core.units import DEG
 from tiltcal.design.plan import Plan
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.pose_schemes import label_of
-from tiltcal.setup.schedule import move_time
+from tiltcal.setup.reach import DECIMALS
+from tiltcal.setup.schedule import move_time, require_allowed
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.sequence_files import sequence_columns
 from tiltcal.setup.tables import angle_key
-
-DECIMALS = 6  # of a degree
 
 
 def steps_of(plan: Plan, up: Array) -> list[Step]:
@@ -36,26 +35,32 @@ def steps_of(plan: Plan, up: Array) -> list[Step]:
     """
     clock = plan.problem.clock
     rate = clock.rate / DEG
-    steps, position = [], np.zeros(plan.angles.shape[1])
+    steps, position = [], clock.origin
     for angles, dwell, direction in zip(plan.angles, plan.dwell, up, strict=True):
         distance = float(np.abs(angles - position).max())
         taken = move_time(distance, clock.rate) if distance > 0 else 0.0
         stay = distance / clock.rate + clock.settle + float(dwell) - taken
-        where = {
-            angle_key(name): round(float(a) / DEG, DECIMALS) + 0.0
-            for name, a in zip(plan.axes, angles, strict=True)
-        }
         steps.append(
             Step(
                 action="move",
-                **where,
+                **_where(plan, angles),
                 rate_deg_s=rate,
                 dwell_s=round(stay, 6),
                 label=label_of(direction),
             )
         )
         position = angles
+    if clock.returns:
+        steps.append(Step(action="move", **_where(plan, clock.origin), rate_deg_s=rate))
     return steps
+
+
+def _where(plan: Plan, angles: Array) -> dict[str, float]:
+    """Keys of a step for angles, rad, (axes,)."""
+    return {
+        angle_key(name): round(float(a) / DEG, DECIMALS) + 0.0
+        for name, a in zip(plan.axes, angles, strict=True)
+    }
 
 
 def steps_csv(steps: list[Step]) -> str:
@@ -155,6 +160,7 @@ def write_plan(
     import tomli_w
 
     steps = steps_of(plan, up)
+    require_allowed(steps, scenario.rig)
     write_text(
         folder / "design.toml",
         tomli_w.dumps(designed_table(scenario, steps, f"{scenario.name}, designed")),

@@ -12,6 +12,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import one_of
+from tiltcal.core.units import DEG
 from tiltcal.design.bounded_descent import minimise
 from tiltcal.design.criteria import CRITERIA, value_and_slope
 from tiltcal.design.model import Model
@@ -20,6 +21,7 @@ from tiltcal.design.time_budget import Clock
 POWER = 8  # of the norm that stands for the largest axis
 SOFT = 1e-4  # rad^2, rounds the corner of a move of length zero
 STEP = 1e-5  # rad, s: of the differences
+SAME = 1 * DEG  # closer poses are one: what a place adds to a mean is the same in both
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,11 @@ class Problem:
     def __post_init__(self) -> None:
         one_of(self.criterion, CRITERIA, "criterion")
 
+    @property
+    def least(self) -> int:
+        """Poses of which a fit of all parameters has a reading left to be judged by."""
+        return len(self.model.names) // len(self.model.white) + 1
+
     def dwells(self, angles: Array, z: Array) -> Array:
         """Seconds of each dwell: the free time shared out, none beyond the longest, (n,).
 
@@ -84,16 +91,34 @@ class Problem:
         return self.model.information(angles, dwell, self.clock.middles(angles, dwell))
 
     def rated(self, angles: Array, z: Array) -> Draft:
-        """A draft with its true value; minus infinity where the moves alone overrun.
+        """A draft with its true value; minus infinity where the moves alone overrun. A pose that
+        is taken twice without a move between is one longer dwell.
 
         Args:
             angles: rad, (n, axes).
             z: shares before the softmax, (n,).
         """
+        angles, z = merged(angles, z)
         if float(self.clock.spare(angles)) < 0:
             return Draft(angles, z)
         information = self.information(angles, self.dwells(angles, z))
         return Draft(angles, z, value_and_slope(information, self.model, self.criterion)[0])
+
+
+def merged(angles: Array, z: Array) -> tuple[Array, Array]:
+    """A sequence whose neighbouring poses that are the same are one, with the shares of both.
+
+    Args:
+        angles: rad, (n, axes).
+        z: shares before the softmax, (n,).
+    """
+    if len(angles) < 2:
+        return angles, z
+    fresh = np.concatenate([[True], np.abs(np.diff(angles, axis=0)).max(axis=1) > SAME])
+    if fresh.all():
+        return angles, z
+    first = np.flatnonzero(fresh)
+    return angles[first], np.logaddexp.reduceat(z, first)
 
 
 def ascend(problem: Problem, draft: Draft, iterations: int, dwells_only: bool = False) -> Draft:

@@ -7,7 +7,7 @@ same direction from the table's other side) is tried one change at a time, and t
 again.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,7 +80,7 @@ def search(
     begun = [problem.rated(a, np.zeros(len(a))) for a in paths(problem, rng, effort.starts)]
     stages.begin(PATHS)
     drafts += _ascended(problem, begun, effort.first, engine, stages.part)
-    best = sorted(drafts, key=lambda d: -d.value)[: effort.kept]
+    best = sorted(drafts, key=_worth(problem), reverse=True)[: effort.kept]
     stages.begin(BEST)
     best = _ascended(problem, best, effort.then, engine, stages.part)
     for round_ in range(effort.rounds):
@@ -88,8 +88,17 @@ def search(
         best = [changed(problem, d, rng, effort.trials) for d in best]
         stages.part(CHANGES)
         best = _ascended(problem, best, effort.then, engine)
-    final = max(best, key=lambda d: d.value)
+    final = max(best, key=_worth(problem))
     return on_steps(problem, final) if problem.clock.step > 0 else final
+
+
+def _worth(problem: Problem) -> Callable[[Draft], tuple[bool, float]]:
+    """Drafts whose fit can be judged come first, where the budget has them."""
+
+    def worth(draft: Draft) -> tuple[bool, float]:
+        return len(draft.angles) >= problem.least and draft.value > -np.inf, draft.value
+
+    return worth
 
 
 def _ascended(
@@ -118,7 +127,7 @@ def paths(problem: Problem, rng: np.random.Generator, count: int) -> Iterator[Ar
     clock, axes = problem.clock, problem.model.axes
     worth = poses_worth(problem)
     for k in range(count):
-        n = max(1, round(worth * (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)[k % 6]))
+        n = max(problem.least, round(worth * (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)[k % 6]))
         slope = rng.uniform(0.2, 1.2, axes) * rng.choice([-1.0, 1.0], axes)
         angles = (
             np.arange(n)[:, None] * slope
@@ -157,12 +166,10 @@ def changed(problem: Problem, draft: Draft, rng: np.random.Generator, trials: in
     rated = [
         problem.rated(folded(angles, problem.clock), z) for angles, z in candidates[: 4 * trials]
     ]
-    best = max(rated, key=lambda d: d.value, default=draft)
-    polished = [
-        ascend(problem, d, 15)
-        for d in sorted(rated, key=lambda d: -d.value)[: max(trials // 10, 1)]
-    ]
-    return max([best, draft, *polished], key=lambda d: d.value)
+    worth = _worth(problem)
+    rated.sort(key=worth, reverse=True)
+    polished = [ascend(problem, d, 15) for d in rated[: max(trials // 10, 1)]]
+    return max([*rated[:1], draft, *polished], key=worth)
 
 
 def _shorter(draft: Draft) -> Iterator[tuple[Array, Array]]:

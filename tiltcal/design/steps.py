@@ -100,13 +100,23 @@ def designed_table(scenario: Scenario, steps: list[Step], name: str) -> dict[str
     return {"schema": 1} | stated | {"name": name, "sequence": sequence}
 
 
-def printable(plan: Plan, up: Array) -> str:
+def _start_and_end(plan: Plan) -> list[str]:
+    """Where the table stands before and after, where that is not zero or is asked for."""
+    clock = plan.problem.clock
+    if not (clock.origin.any() or clock.returns):
+        return []
+    where = ", ".join(f"{n} {a / DEG:g} deg" for n, a in zip(plan.axes, clock.origin, strict=True))
+    return [f"starts at {where}{'; ends there' if clock.returns else ''}"]
+
+
+def printable(plan: Plan, up: Array, efficiency: float | None = None) -> str:
     """The printed list for the table: poses, then the expected standard uncertainty of each
     parameter.
 
     Args:
         plan: plan of a design.
         up: in the body frame, (n, 3).
+        efficiency: of the plan, where it is known.
     """
     clock, model, what = plan.problem.clock, plan.problem.model, plan.forecast
     head = "".join(f"{name + ' deg':>12}" for name in plan.axes)
@@ -115,6 +125,7 @@ def printable(plan: Plan, up: Array) -> str:
             f"{what.poses} poses in {what.total_s:.1f} s of {clock.budget:g} s; moves at"
             f" {clock.rate / DEG:g} deg/s, then {clock.settle:g} s to settle, then read"
         ),
+        *_start_and_end(plan),
         "",
         f"{'step':>4}{head}{'read from s':>13}{'read s':>9}   up in the body frame",
     ]
@@ -140,6 +151,11 @@ def printable(plan: Plan, up: Array) -> str:
             f" {what.nats:.2f} nats"
         ),
     ]
+    if efficiency is not None:
+        lines.append(
+            f"efficiency at least {100 * efficiency:.1f} %: of the most information that any poses"
+            " give, read at these times for as long"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -148,6 +164,7 @@ def write_plan(
     scenario: Scenario,
     up: Array,
     folder: Path,
+    efficiency: float | None = None,
 ) -> None:
     """Write design.toml, steps.csv, steps.txt, segments.csv and design.json to a folder.
 
@@ -156,6 +173,7 @@ def write_plan(
         scenario: that it was designed for.
         up: the up direction of each pose in the body frame, (n, 3).
         folder: where.
+        efficiency: of the plan, where it is known.
     """
     import tomli_w
 
@@ -166,6 +184,7 @@ def write_plan(
         tomli_w.dumps(designed_table(scenario, steps, f"{scenario.name}, designed")),
     )
     write_text(folder / "steps.csv", steps_csv(steps))
-    write_text(folder / "steps.txt", printable(plan, up))
+    write_text(folder / "steps.txt", printable(plan, up, efficiency))
     write_text(folder / "segments.csv", segments_csv(plan))
-    write_json(folder / "design.json", plan.to_json())
+    known = {} if efficiency is None else {"efficiency": efficiency}
+    write_json(folder / "design.json", plan.to_json() | known)

@@ -88,8 +88,9 @@ def search(
         best = [changed(problem, d, rng, effort.trials) for d in best]
         stages.part(CHANGES)
         best = _ascended(problem, best, effort.then, engine)
-    final = max(best, key=_worth(problem))
-    return on_steps(problem, final) if problem.clock.step > 0 else final
+    if problem.clock.step > 0:
+        best = [on_steps(problem, d) for d in best]
+    return max([*best, *(problem.rated(d.angles, d.z) for d in starts)], key=_worth(problem))
 
 
 def _worth(problem: Problem) -> Callable[[Draft], tuple[bool, float]]:

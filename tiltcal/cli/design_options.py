@@ -161,12 +161,14 @@ def _start(text: str, axes: Collection[str]) -> tuple[str, float]:
         ) from error
 
 
-def axis_limits(texts: Sequence[str], axes: Collection[str]) -> dict[str, tuple[float, float]]:
+def axis_limits(
+    texts: Sequence[str], axes: Collection[str] | None = None
+) -> dict[str, tuple[float, float]]:
     """Lowest and highest readout of each named axis, deg, or mm where it slides.
 
     Args:
         texts: values of the option.
-        axes: the axes of the table.
+        axes: the axes of the table, where they are known.
 
     Raises:
         TiltcalError: a text is not AXIS=LOW:HIGH, or the table has no such axis.
@@ -174,7 +176,7 @@ def axis_limits(texts: Sequence[str], axes: Collection[str]) -> dict[str, tuple[
     return dict(_limit(text, axes) for text in texts)
 
 
-def _limit(text: str, axes: Collection[str]) -> tuple[str, tuple[float, float]]:
+def _limit(text: str, axes: Collection[str] | None) -> tuple[str, tuple[float, float]]:
     axis, _, span = text.partition("=")
     low, _, high = span.partition(":")
     try:
@@ -188,7 +190,7 @@ def _limit(text: str, axes: Collection[str]) -> tuple[str, tuple[float, float]]:
             need="an axis and two angles in deg, such as outer=-45:45",
             do="correct it",
         )
-    if axis not in axes:
+    if axes is not None and axis not in axes:
         raise TiltcalError(
             f"--angles {text}",
             found=f"no axis {axis} in this table",

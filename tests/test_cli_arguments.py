@@ -105,7 +105,7 @@ def test_commands_without_recordings_have_their_defaults():
     found = parsed("investigate --scenario s --lab ./record~--table~2")
     assert (found["lab"], found["blocks"], found["budget_min"]) == ("./record --table 2", 2, 10)
     assert (found["recordings"], str(found["output"])) == ([], "investigation")
-    assert (found["limits"].block_min, found["limits"].rate_deg_s) == (3, 30)
+    assert (found["limits"].block_min, found["limits"].rate_deg_s) == (3, 60)
 
 
 @pytest.mark.parametrize(

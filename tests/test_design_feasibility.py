@@ -60,7 +60,15 @@ WISHES = {
         ["--angles", "middle=0:90"],
         ("--angles middle=0:90", "outer, inner"),
     ),
-    "angles without the start": (["--angles", "outer=10:90"], ("10 to 90 deg", "includes 0")),
+    "a start beyond the angles": (
+        ["--angles", "outer=10:90", "--from", "outer=5"],
+        ("axis outer", "found 5 deg", "10 to 90 deg"),
+    ),
+    "a start that does not read": (["--from", "outer"], ("--from outer",)),
+    "no step within the angles": (
+        ["--angles", "outer=11:14", "--step-deg", "5"],
+        ("axis outer", "no multiple of 5 deg from 11 to 14 deg"),
+    ),
     "a negative rate": (["--rate-deg-s", "-1"], ("rate",)),
     "a negative settling": (["--settle-s", "-1"], ("settling",)),
     "dwells exchanged": (["--dwell-s", "60", "5"], ("longest 5 s, shortest 60 s",)),

@@ -13,13 +13,14 @@ from statistics_helpers import rng_of
 
 import tiltcal.design.gym
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import DEG
 from tiltcal.design.criteria import gain
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.gym.calibrations import Bench, Task
 from tiltcal.design.gym.policies import BASELINES, following, greedy, named, rollout
 from tiltcal.design.gym.spaces import DWELLS, action_of, menu, pose_of
 from tiltcal.design.gym.training import START, linear_policy, train
-from tiltcal.design.gym.wrappers import StepAngles, WithinAngles
+from tiltcal.design.gym.wrappers import StepAngles
 from tiltcal.design.polynomial import KINDS, textbook_model
 
 CONTINUOUS, DISCRETE = tiltcal.design.gym.IDS
@@ -183,11 +184,24 @@ def test_wrappers_keep_a_table_to_its_steps_and_limits():
     assert np.abs(
         stepped.action(np.array([0.31, -0.99, 0.2], np.float32))[:2]
     ) * 12 == pytest.approx([4.0, 12.0])
-    within = WithinAngles(gymnasium.make(CONTINUOUS), outer=(-90, 90))
-    assert within.action(np.array([1.0, 1.0, 0.0], np.float32)) == pytest.approx([0.5, 1.0, 0.0])
-    within.reset()
-    assert within.step(np.array([0.3, 0.1, -1.0], np.float32))[1] > 0
     with pytest.raises(TiltcalError, match="divides a turn"):
         StepAngles(gymnasium.make(CONTINUOUS), 7.0)
-    with pytest.raises(TiltcalError, match="low < high"):
-        WithinAngles(gymnasium.make(CONTINUOUS), inner=(20, 10))
+
+
+def test_a_table_keeps_to_its_limits_and_never_goes_the_short_way_through_what_is_forbidden():
+    limits = {"outer": (20.0, 340.0), "inner": (-90.0, 45.0)}
+    env = gymnasium.make(CONTINUOUS, limits_deg=limits, budget_s=600.0).unwrapped
+    env.reset()
+    assert env.bench.angles[0] == pytest.approx([20 * DEG, 0.0])
+    *_, info = env.step(np.array([1.0, 1.0, -1.0], np.float32))  # 320 deg on, not 40 deg back
+    assert env.bench.angles[0] == pytest.approx([340 * DEG, 45 * DEG])
+    assert info["spent_s"] == pytest.approx(320 / 20 + 5 + 5)
+    env.step(np.array([-3.0, -3.0, -1.0], np.float32))
+    assert env.bench.angles[0] == pytest.approx([20 * DEG, -90 * DEG])
+    choices = gymnasium.make(DISCRETE, limits_deg=limits, budget_s=600.0).unwrapped.menu / DEG
+    assert 0 < len(choices) < 26
+    assert ((choices >= [20, -90]) & (choices <= [340, 45])).all()
+    with pytest.raises(TiltcalError, match="axis inner: found limits 20 to 10 deg"):
+        gymnasium.make(CONTINUOUS, limits_deg={"inner": (20, 10)})
+    with pytest.raises(TiltcalError, match="no face, edge or corner"):
+        gymnasium.make(DISCRETE, limits_deg={"outer": (1, 2), "inner": (1, 2)})

@@ -22,7 +22,7 @@ from tiltcal.design.gym.rigs import AxisLimits, AxisMotion
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
-from tiltcal.setup.tables import DUAL
+from tiltcal.setup.setup import Rig
 from tiltsim.motion import mujoco_motion
 
 RIG = tiltcal.design.gym.RIG
@@ -220,9 +220,8 @@ def prior(id):
 
 
 def test_axes_reach_their_rate_in_two_steps_and_stop_before_their_limits():
-    limits = AxisLimits.stated(
-        DUAL, {"deg": 100, "mm": 1}, {"deg": 100, "mm": 1}, {"deg": {"outer": (-20, 30)}}
-    )
+    reach = Rig(table="dual").narrowed({"outer": (-20, 30)}, {}).reach
+    limits = AxisLimits.of(reach, {"deg": 100, "mm": 1}, {"deg": 100, "mm": 1})
     motion = AxisMotion.at_rest(limits, 0.02, 64)
     everyone, rng = np.ones(64, bool), rng_of("limits")
     motion.move(np.full((64, 2), 0.5 * DEG), everyone)
@@ -251,7 +250,8 @@ def test_axes_reach_their_rate_in_two_steps_and_stop_before_their_limits():
         ({}, {"duration_s": 0.0}, "positive duration"),
         ({}, {"rate_deg_s": -1.0}, "rate_deg_s"),
         ({}, {"limits_deg": {"lift": (-1, 1)}}, "limits_deg"),
-        ({}, {"limits_deg": {"outer": (5, 10)}}, "low <= 0 <= high"),
+        ({}, {"limits_deg": {"outer": (5, 5)}}, "room to move"),
+        ({}, {"limits_deg": {"outer": (9, 5)}}, "axis outer: found limits 9 to 5 deg"),
     ],
 )
 def test_what_cannot_be_an_environment_is_refused(change, how, words):

@@ -11,6 +11,7 @@ from tiltcal.core.files import make_folder
 from tiltcal.core.progress import Progress, silent
 from tiltcal.core.tabular import Tabular
 from tiltcal.core.tasks.engines import Engine
+from tiltcal.design.bound import efficiency
 from tiltcal.design.feasibility import check_possible
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.plan import Plan
@@ -32,6 +33,8 @@ class DesignedSequence(Tabular):
         up: the up direction of each pose in the body frame, (n, 3).
         unseen: effects that no pose shows.
         inseparable: terms that these poses do not separate from the others.
+        efficiency: lower bound on the information per parameter over the most that any poses give
+            that are read at these times for as long.
     """
 
     plan: Plan
@@ -39,6 +42,7 @@ class DesignedSequence(Tabular):
     up: Array
     unseen: tuple[str, ...]
     inseparable: tuple[str, ...]
+    efficiency: float
 
     def table(self) -> dict[str, Any]:
         """The scenario with this sequence instead of its own, as ``parse_scenario`` takes it."""
@@ -59,14 +63,19 @@ class DesignedSequence(Tabular):
         )
 
     def __str__(self) -> str:
-        return printable(self.plan, self.up)
+        return printable(self.plan, self.up, self.efficiency)
+
+    def to_json(self) -> dict[str, Any]:
+        """The plan for machines, with what poses cannot show."""
+        told = {"unseen": list(self.unseen), "untold": list(self.inseparable)}
+        return self.plan.to_json() | {"efficiency": self.efficiency} | told
 
     def save(self, folder: Path | str) -> None:
         """Write design.toml, steps.csv, steps.txt, segments.csv, design.json and report.html to a
         folder.
         """
         path = make_folder(Path(folder))
-        write_plan(self.plan, self.scenario, self.up, path)
+        write_plan(self.plan, self.scenario, self.up, path, self.efficiency)
         poses = poses_of_plan(self.plan, self.up, self.scenario)
         table = table_in(poses, self.scenario)
         title, missing = self.scenario.name, self._missing()
@@ -108,4 +117,5 @@ def designed(
     still = Still(scenario.seen_by(sensor), problem.clock.budget)
     undetermined = check_possible(problem, still.axes, everything)
     plan = find_plan(problem, still.scenario.rig.kind, seed, notice=progress, engine=engine)
-    return DesignedSequence(plan, scenario, still.up(plan.angles), unseen, undetermined)
+    share = efficiency(problem, plan.angles, plan.dwell)
+    return DesignedSequence(plan, scenario, still.up(plan.angles), unseen, undetermined, share)

@@ -19,7 +19,7 @@ from tiltcal.cli.design_options import (
     Separation,
     Split,
     TableTime,
-    axis_limits,
+    within_options,
 )
 from tiltcal.cli.options import SEED, EngineName, Jobs, Json
 from tiltcal.cli.output import (
@@ -37,7 +37,7 @@ from tiltcal.core.tasks.engines import Engine, shared_engine
 from tiltcal.core.units import DEG, G0
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.maxmin import REQUIRED, MaxMin, grid_of_poses, maximise_least_visibility
-from tiltcal.design.plan import Plan
+from tiltcal.design.plan import Forecast, Plan
 from tiltcal.design.polynomial import textbook_model
 from tiltcal.design.scenario_problem import clock_of, scenario_problem, sensor_of
 from tiltcal.design.signatures import catalogue_signatures
@@ -118,7 +118,7 @@ def design(
         asked = (split, scenario_file, separation, table)
         with shared_engine(engine, jobs) as opened:
             return design_separating_block(*asked, opened, output, as_json)
-    scenario = _scenario_of(scenario_file, aim)
+    scenario = within_options(_scenario_of(scenario_file, aim), table.angles, table.start)
     if all_effects_observable is not None:
         wanted = (all_effects_observable, aim, table, seed)
         with shared_engine(engine, jobs) as opened:
@@ -133,8 +133,7 @@ def design(
         if output:
             found.save(output)
     if as_json:
-        undetermined = list(found.inseparable)
-        print_json(found.plan.to_json() | {"unseen": list(unseen), "untold": undetermined})
+        print_json(found.to_json())
     else:
         show(found)
     return 0
@@ -155,15 +154,15 @@ def _scenario_of(path: Path | None, aim: Aim) -> Scenario:
 
 def clock_given(table: TableTime, scenario: Scenario) -> Clock:
     """Speed, times and limits of the table, as the options state them."""
-    axes = Still(scenario, table.budget_s).axes
     return clock_of(
         scenario,
         table.budget_s,
         table.rate_deg_s,
         table.settle_s,
         table.dwell_s,
-        axis_limits(table.angles, axes),
+        None,
         table.step_deg,
+        table.home,
     )
 
 
@@ -190,24 +189,31 @@ def show(found: DesignedSequence) -> None:
     """Print the steps, and the forecasts of this design and of classic sequences."""
     print_line(str(found))
     forecast = found.plan.forecast
-    rows = [
-        ["this design", f"{forecast.nats:.2f}", f"{forecast.tilt_arcsec:.3f}", str(forecast.poses)]
-    ]
-    rows += [
-        [name, f"{f.nats:.2f}", f"{f.tilt_arcsec:.3f}", str(f.poses)]
-        for name, f in found.plan.baselines.items()
-    ]
-    print_table(["same table time", "nats", "tilt arcsec", "poses"], rows)
+    rows = [["this design", *_figures(forecast), "all"]]
+    for name, (inside, every) in found.plan.allowed.items():
+        of_it = found.plan.baselines.get(name)
+        figures = ["-"] * 3 if of_it is None else _figures(of_it)
+        rows.append([name, *figures, "all" if inside == every else f"{inside} of {every}"])
+    print_table(["same table time", "nats", "tilt arcsec", "poses", "within the limits"], rows)
     if not found.plan.problem.model.interest.all():
         paragraph(
             "the sigmas hold for a fit of all these terms including nuisances: calibrate with terms"
             " that include the drift"
+        )
+    if not found.plan.redundant:
+        paragraph(
+            "a fit of all these terms has no reading left to be judged by, and its verdict will be"
+            " cannot_tell: allow more table time, or fit fewer terms"
         )
     if found.unseen:
         paragraph("not visible in any pose: " + ", ".join(found.unseen))
     if found.inseparable:
         names = ", ".join(found.inseparable)
         paragraph(f"not separable from the other terms by these poses: {names}")
+
+
+def _figures(forecast: Forecast) -> list[str]:
+    return [f"{forecast.nats:.2f}", f"{forecast.tilt_arcsec:.3f}", str(forecast.poses)]
 
 
 SEEN = 0.002  # smallest share at which an effect counts as visible
@@ -368,7 +374,8 @@ def design_separating_block(
             need="the scenario that was diagnosed",
             do="add --scenario TOML",
         )
-    scenario = load_nominal_scenario(described)
+    nominal = load_nominal_scenario(described)
+    scenario = within_options(nominal, table.angles, table.start)
     diagnosis = read_diagnosis(split)
     amended = require_file(split.with_name("amended.toml"), "amended scenario")
     data = [read_recording(p) for p in _recordings_of(diagnosis, split, wanted.recordings)]
@@ -376,8 +383,7 @@ def design_separating_block(
         table.budget_s / 60,
         table.rate_deg_s,
         table.dwell_s[0],
-        axis_limits(table.angles),
-        wanted.rate_mm_s,
+        slide_rate=wanted.rate_mm_s,
     )
     with progress_line() as progress:
         amended_table = read_toml(amended, "amended scenario", AMENDED)

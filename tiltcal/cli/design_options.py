@@ -9,9 +9,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.cli.options import SEVERAL, WHOLE, AxisLimits, Grade, between
+from tiltcal.cli.options import SEVERAL, WHOLE, AxisLimits, Grade, StartAngles, between
 from tiltcal.core.errors import TiltcalError
 from tiltcal.design.recording_blocks import SLIDE_RATE
+from tiltcal.laboratory.scenario import Scenario, narrowed
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,10 @@ class TableTime:
         tuple[float, float], Parameter(help="Shortest and longest time of a reading.")
     ] = (5.0, 60.0)
     angles: AxisLimits = ()
+    start: StartAngles = ()
+    home: Annotated[
+        bool, Parameter(help="End where the sequence starts; the way back is in the budget.")
+    ] = False
     step_deg: Annotated[
         float,
         Parameter(
@@ -126,6 +131,34 @@ Split = Annotated[
 
 
 LARGEST = 3600.0  # deg; mm of an axis that slides
+
+
+def within_options(scenario: Scenario, angles: Sequence[str], start: Sequence[str]) -> Scenario:
+    """The scenario whose rig keeps to --angles and starts at --from.
+
+    Args:
+        scenario: with the rig.
+        angles: values of --angles.
+        start: values of --from.
+
+    Raises:
+        TiltcalError: a text does not read, the rig has no such axis, or a joint rules it out.
+    """
+    axes = scenario.rig.axis_names
+    return narrowed(scenario, axis_limits(angles, axes), dict(_start(t, axes) for t in start))
+
+
+def _start(text: str, axes: Collection[str]) -> tuple[str, float]:
+    axis, _, position = text.partition("=")
+    try:
+        return axis, _limit(f"{axis}={position}:{position}", axes)[1][0]
+    except TiltcalError as error:
+        raise TiltcalError(
+            f"--from {text}",
+            found=error.found,
+            need="an axis of this table and where it stands, deg or mm, such as outer=30",
+            do="correct it",
+        ) from error
 
 
 def axis_limits(

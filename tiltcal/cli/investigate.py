@@ -9,14 +9,22 @@ from cyclopts import Group, Parameter
 
 from tiltcal.api.diagnosing import explain, load_nominal_scenario, write_results
 from tiltcal.api.table_scene import table_in
-from tiltcal.cli.design_options import axis_limits
-from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, EngineName, Jobs, Json
+from tiltcal.cli.design_options import within_options
+from tiltcal.cli.options import (
+    WHOLE,
+    AxisLimits,
+    DescribedBy,
+    EngineName,
+    Jobs,
+    Json,
+    StartAngles,
+)
 from tiltcal.cli.output import paragraph, print_json, print_note, progress_line
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import claimed, require_file
 from tiltcal.core.progress import Progress
 from tiltcal.core.tasks.engines import shared_engine
-from tiltcal.design.recording_blocks import SLIDE_RATE
+from tiltcal.design.recording_blocks import RATE, SLIDE_RATE
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
 from tiltcal.diagnosis.investigation.investigate import InvestigationSetup
 from tiltcal.diagnosis.investigation.investigate import (
@@ -36,12 +44,11 @@ class BlockLimits:
     """Limits of one designed block of measurements."""
 
     block_min: Annotated[float, Parameter(help="Longest table time of one block, min.")] = 3.0
-    rate_deg_s: Annotated[
-        float, Parameter(help="Rate of moves; turns use up to twice this rate.")
-    ] = 30.0
+    rate_deg_s: Annotated[float, Parameter(help="Largest rate: that of moves.")] = RATE
     rate_mm_s: Annotated[float, Parameter(help="The same of axes that slide.")] = SLIDE_RATE
     dwell_s: Annotated[float, Parameter(help="Duration of each dwell.")] = 3.0
     angles: AxisLimits = ()
+    start: StartAngles = ()
 
 
 DEFAULT_LIMITS = BlockLimits()
@@ -85,7 +92,8 @@ def investigate(
     Exit status: 0 explained; 1 not explained within the budget, or not within
     reach of this table; 2 unusable input.
     """
-    nominal = load_nominal_scenario(scenario)
+    known = load_nominal_scenario(scenario)
+    nominal = within_options(known, limits.angles, limits.start)
     laboratory = CommandLaboratory.parse(lab)
     given = [str(require_file(path, "recording").absolute()) for path in recordings]
     opened = shared_engine(engine, jobs)
@@ -144,7 +152,7 @@ def block_limits(given: BlockLimits) -> Limits:
     """Limits of a block from the command line.
 
     Raises:
-        TiltcalError: a limit is not positive, or an axis limit is malformed.
+        TiltcalError: a limit is not positive.
     """
     sizes = {
         "--block-min": given.block_min,
@@ -159,6 +167,5 @@ def block_limits(given: BlockLimits) -> Limits:
         given.block_min,
         given.rate_deg_s,
         given.dwell_s,
-        axis_limits(given.angles),
-        given.rate_mm_s,
+        slide_rate=given.rate_mm_s,
     )

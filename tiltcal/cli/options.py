@@ -22,6 +22,14 @@ AxisLimits = Annotated[
     tuple[str, ...],
     Parameter(help="Allowed range of an axis, AXIS=LOW:HIGH in deg (slides: mm); may be repeated."),
 ]
+StartAngles = Annotated[
+    tuple[str, ...],
+    Parameter(
+        "--from",
+        help="Where an axis stands before the first move, AXIS=ANGLE in deg (slides: mm); may be"
+        " repeated.",
+    ),
+]
 SEVERAL = Parameter(consume_multiple=(1, None))
 """An option with one or more values, separated by spaces."""
 

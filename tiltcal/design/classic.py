@@ -11,7 +11,7 @@ from tiltcal.core.errors import one_of
 from tiltcal.core.frames import sphere
 from tiltcal.core.units import DEG
 from tiltcal.design.gradient_search import Draft, Problem
-from tiltcal.design.time_budget import unwound
+from tiltcal.design.time_budget import Clock, unwound
 from tiltcal.setup.pose_schemes import directions, table_angles
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import DUAL, Table
@@ -19,6 +19,7 @@ from tiltcal.setup.tables import DUAL, Table
 CLASSIC = ("six", "8", "12", "24", "tumble", "sweep", "two_position", "spiral")
 ONE_PLANE = {"six": 90, "8": 45, "12": 30, "24": 15, "tumble": 30, "spiral": 15}
 """Step of each sequence on a table that turns in one plane only, deg."""
+ROUNDING = 1e-9  # rad
 MOST = 400  # poses that a baseline is tried with
 
 
@@ -102,19 +103,10 @@ def nearest_order(up: Array) -> Array:
 
 def baseline(problem: Problem, name: str, table: Table = DUAL) -> Draft:
     """A classic sequence, repeated or shortened to the number of poses that is best for the
-    criterion, with equal dwells. Poses beyond the table's limits are left out.
+    criterion, with equal dwells. Poses that the limits forbid are left out, others are on the
+    steps: it obeys the same limits as a plan.
     """
-    cycle = classic(name, table)
-    cycle = cycle[
-        [
-            bool(
-                np.allclose(
-                    problem.clock.inside(a[None]) if problem.clock.step == 0 else a[None], a
-                )
-            )
-            for a in cycle
-        ]
-    ]
+    cycle = within_limits(classic(name, table), problem.clock)
     best = Draft(np.zeros((0, cycle.shape[1])), np.zeros(0))
     for angles in _lengths(problem, cycle):
         trial = problem.rated(angles, np.zeros(len(angles)))
@@ -122,12 +114,30 @@ def baseline(problem: Problem, name: str, table: Table = DUAL) -> Draft:
     return best
 
 
+def within_limits(cycle: Array, clock: Clock) -> Array:
+    """The poses of a cycle that the limits allow, whole turns apart if need be, on the steps of the
+    table; rad, (m, axes).
+
+    Args:
+        cycle: rad, (n, axes).
+        clock: table time and limits.
+    """
+    found = np.array(cycle, dtype=float)
+    kept = np.ones(len(found), dtype=bool)
+    for k, pair in enumerate(clock.limits):
+        if pair is not None:
+            turns = np.round((sum(pair) / 2 - found[:, k]) / (2 * np.pi))
+            found[:, k] += 2 * np.pi * turns
+            kept &= (found[:, k] >= pair[0] - ROUNDING) & (found[:, k] <= pair[1] + ROUNDING)
+    return clock.inside(found[kept])
+
+
 def _lengths(problem: Problem, cycle: Array) -> Iterator[Array]:
     """The cycle repeated and cut to every number of poses that fits the budget."""
     if len(cycle) == 0:
         return
     clock = problem.clock
-    repeated = unwound(np.tile(cycle, (-(-MOST // len(cycle)), 1)), clock.limits)
+    repeated = unwound(np.tile(cycle, (-(-MOST // len(cycle)), 1)), clock.limits, clock.origin)
     cost = np.cumsum(clock.moves(repeated) + clock.settle + clock.shortest)
     for n in range(1, int(np.searchsorted(cost, clock.budget, side="right")) + 1):
         if cost[n - 1] + n * (clock.longest - clock.shortest) >= 0.5 * clock.budget:

@@ -12,6 +12,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import one_of
+from tiltcal.core.units import DEG
 from tiltcal.design.bounded_descent import minimise
 from tiltcal.design.criteria import CRITERIA, value_and_slope
 from tiltcal.design.model import Model
@@ -20,6 +21,7 @@ from tiltcal.design.time_budget import Clock
 POWER = 8  # of the norm that stands for the largest axis
 SOFT = 1e-4  # rad^2, rounds the corner of a move of length zero
 STEP = 1e-5  # rad, s: of the differences
+SAME = 1 * DEG  # closer poses are one: what a place adds to a mean is the same in both
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,11 @@ class Problem:
     def __post_init__(self) -> None:
         one_of(self.criterion, CRITERIA, "criterion")
 
+    @property
+    def least(self) -> int:
+        """Poses of which a fit of all parameters has a reading left to be judged by."""
+        return len(self.model.names) // len(self.model.white) + 1
+
     def dwells(self, angles: Array, z: Array) -> Array:
         """Seconds of each dwell: the free time shared out, none beyond the longest, (n,).
 
@@ -84,16 +91,34 @@ class Problem:
         return self.model.information(angles, dwell, self.clock.middles(angles, dwell))
 
     def rated(self, angles: Array, z: Array) -> Draft:
-        """A draft with its true value; minus infinity where the moves alone overrun.
+        """A draft with its true value; minus infinity where the moves alone overrun. A pose that
+        is taken twice without a move between is one longer dwell.
 
         Args:
             angles: rad, (n, axes).
             z: shares before the softmax, (n,).
         """
+        angles, z = merged(angles, z)
         if float(self.clock.spare(angles)) < 0:
             return Draft(angles, z)
         information = self.information(angles, self.dwells(angles, z))
         return Draft(angles, z, value_and_slope(information, self.model, self.criterion)[0])
+
+
+def merged(angles: Array, z: Array) -> tuple[Array, Array]:
+    """A sequence whose neighbouring poses that are the same are one, with the shares of both.
+
+    Args:
+        angles: rad, (n, axes).
+        z: shares before the softmax, (n,).
+    """
+    if len(angles) < 2:
+        return angles, z
+    fresh = np.concatenate([[True], np.abs(np.diff(angles, axis=0)).max(axis=1) > SAME])
+    if fresh.all():
+        return angles, z
+    first = np.flatnonzero(fresh)
+    return angles[first], np.logaddexp.reduceat(z, first)
 
 
 def ascend(problem: Problem, draft: Draft, iterations: int, dwells_only: bool = False) -> Draft:
@@ -126,15 +151,16 @@ class _Climb:
     def __call__(self, x: Array) -> tuple[float, Array]:
         model, clock = self.problem.model, self.problem.clock
         angles, z = x[: self.n * self.axes].reshape(self.n, self.axes), x[self.n * self.axes :]
-        leg = np.diff(angles, axis=0, prepend=np.zeros((1, self.axes)))
+        origin = clock.origin[None]
+        leg = np.diff(angles, axis=0, prepend=origin, append=origin)[: self.n + clock.returns]
         moves, by_leg = _soft_largest(leg, clock.rate)
         free = clock.budget - moves.sum() - self.n * (clock.settle + clock.shortest)
         if free <= 0:  # back inside, the shortest way
-            return 1e4 - free, np.concatenate([_of_legs(by_leg).ravel(), np.zeros(self.n)])
+            return 1e4 - free, np.concatenate([_of_legs(by_leg, self.n).ravel(), np.zeros(self.n)])
         share = np.exp(z - z.max())
         share /= share.sum()
         dwell = clock.shortest + free * share
-        time = np.cumsum(moves + clock.settle + dwell) - dwell / 2
+        time = np.cumsum(moves[: self.n] + clock.settle + dwell) - dwell / 2
         rows, slopes, by_time = self._rows(angles, time)
         weights = model.weights(dwell)
         flat = (rows * np.sqrt(weights)[:, :, None]).reshape(-1, rows.shape[2])
@@ -146,13 +172,13 @@ class _Climb:
         of_dwell = (np.einsum("nkp,nkp->nk", pull, rows) * weights**2 * model.white**2).sum(
             axis=1
         ) / dwell**2
-        of_move = np.zeros(self.n)
+        of_move = np.zeros(len(leg))
         if by_time is not None:
             of_time = 2 * np.einsum("nk,nkp,nkp->n", weights, pull, by_time)
             later = np.cumsum(of_time[::-1])[::-1]
-            of_move, of_dwell = later, of_dwell + later - of_time / 2
+            of_move[: self.n], of_dwell = later, of_dwell + later - of_time / 2
         of_free = float((of_dwell * share).sum())
-        of_angle += _of_legs((of_move - of_free)[:, None] * by_leg)
+        of_angle += _of_legs((of_move - of_free)[:, None] * by_leg, self.n)
         return -value, -np.concatenate([of_angle.ravel(), free * share * (of_dwell - of_free)])
 
     def _rows(self, angles: Array, time: Array) -> tuple[Array, Array, Array | None]:
@@ -180,8 +206,8 @@ def _soft_largest(leg: Array, rate: float) -> tuple[Array, Array]:
     return size / rate, square ** (POWER // 2 - 1) * leg * (size / total)[:, None] / rate
 
 
-def _of_legs(by_leg: Array) -> Array:
-    """Gradient by the angles from that by the legs between them."""
-    found = by_leg.copy()
-    found[:-1] -= by_leg[1:]
+def _of_legs(by_leg: Array, poses: int) -> Array:
+    """Gradient by the angles from that by the legs to them, and by the way back if there is one."""
+    found = by_leg[:poses].copy()
+    found[: len(by_leg) - 1] -= by_leg[1:]
     return found

@@ -1,6 +1,6 @@
 """A finished design: poses, reading times, and the expected uncertainties."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.progress import Progress, silent
 from tiltcal.core.tasks.engines import Engine
 from tiltcal.core.units import ARCSEC, DEG
-from tiltcal.design.classic import CLASSIC, baseline
+from tiltcal.design.classic import CLASSIC, baseline, classic, within_limits
 from tiltcal.design.criteria import gain, tilt_rms
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.search import Effort, poses_worth, search
@@ -52,7 +52,10 @@ class Plan:
         angles: rad, (n, axes).
         dwell: s of reading at each pose, (n,).
         axes: names of the table's axes.
-        baselines: forecast of each classic sequence with the same budget.
+        baselines: forecast of each classic sequence with the same budget and limits; those of which
+            the limits forbid every pose, or the budget every length, are not there.
+        allowed: of each classic sequence, how many poses of a cycle the limits allow, and of how
+            many.
     """
 
     problem: Problem
@@ -60,6 +63,12 @@ class Plan:
     dwell: Array
     axes: tuple[str, ...]
     baselines: dict[str, Forecast]
+    allowed: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+    @property
+    def redundant(self) -> bool:
+        """Whether a fit of all terms has readings left to be judged by."""
+        return len(self.dwell) >= self.problem.least
 
     @property
     def forecast(self) -> Forecast:
@@ -95,6 +104,10 @@ class Plan:
                     model.names, model.units, model.prior, what.sigma, model.interest, strict=True
                 )
             ],
+            "start": {
+                f"{n}_deg": float(a / DEG) for n, a in zip(self.axes, clock.origin, strict=True)
+            },
+            "within_limits": {k: list(counts) for k, counts in self.allowed.items()},
             "baselines": {
                 k: {"nats": f.nats, "tilt_rms_arcsec": f.tilt_arcsec, "poses": f.poses}
                 for k, f in self.baselines.items()
@@ -150,4 +163,7 @@ def design(
         name: forecast(problem, d.angles, problem.dwells(d.angles, d.z))
         for name, d in drafts.items()
     }
-    return Plan(problem, best.angles, problem.dwells(best.angles, best.z), table.tilting, done)
+    cycles = {name: classic(name, table) for name in CLASSIC}
+    inside = {k: (len(within_limits(c, problem.clock)), len(c)) for k, c in cycles.items()}
+    dwell = problem.dwells(best.angles, best.z)
+    return Plan(problem, best.angles, dwell, table.tilting, done, inside)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 
+from tiltcal.setup.reach import ROUNDING
 from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
@@ -39,11 +40,11 @@ def describe_block(kind: str, axis: str | None = None, mount: str = "180 deg") -
 
 
 # s, deg/s, mm/s, unless the user gives others
-DWELL, RATE, SLIDE_RATE = 3.0, 30.0, 50.0
+DWELL, RATE, SLIDE_RATE = 3.0, 60.0, 50.0
 REMOUNT = 60.0  # s of table time that a remounting takes
 # s of dwell at both ends of a slow turn: noise at standstill follows from these
 QUIET = 10.0
-SLOW, SLOWEST = 60.0, 1 / 30  # s of a slow turn at most, part of the usual rate at least
+SLOW, SLOWEST = 60.0, 1 / 60  # s of a slow turn at most, part of the usual rate at least
 MOUNTS = ("Rz(180)", "Rx(180)", "Rz(90)")
 CIRCLE = (0.0, 360.0)  # deg, of an axis that may go round
 
@@ -55,7 +56,7 @@ class TableLimits:
     Args:
         rig: which table.
         reach: smallest and largest readout of each axis that may move, deg, or mm where it slides.
-        rate: of moves, deg/s; slow and fast rates are a third and twice of it.
+        rate: largest, deg/s: that of moves; slower ones are a half and a sixth of it.
         dwell: s.
         visited: readouts of the poses so far, outermost axis first, deg or mm.
         mounts: mountings that may be tried.
@@ -179,12 +180,14 @@ def _of_axis(table: TableLimits, axis: str) -> Iterator[Block]:
         yield block(way, [(a, 1.0, dwell) for a in table.grid(axis, 15.0)], " fine")
         yield block("reverse", [(a, 1.0, dwell) for a in (*up, *up[-2::-1])])
         if not table.slides(axis):
-            yield block("spin", [*start, *((a, k, dwell) for k in (1.0, 2.0) for a in (high, low))])
-        ramps = ((a, k, dwell) for k in (1 / 3, 1.0, 2.0) for a in (far, low))
+            yield block(
+                "spin", [*start, *((a, k, dwell) for k in (1 / 2, 1.0) for a in (high, low))]
+            )
+        ramps = ((a, k, dwell) for k in (1 / 6, 1 / 2, 1.0) for a in (far, low))
         yield block("ramp", [*start, *ramps])
         yield block("far", [(a, 1.0, 25.0) for a in (low, (low + high) / 2, high)])
         rate = table.slide_rate if table.slides(axis) else table.rate
-        slow = max((high - low) / SLOW, SLOWEST * rate) / rate
+        slow = min(max((high - low) / SLOW, SLOWEST * rate) / rate, 1.0)
         yield block("slow", [(low, 1.0, QUIET), (high, slow, QUIET)])
 
 
@@ -242,9 +245,8 @@ def _poses(
 def within(block: Block, table: TableLimits) -> bool:
     """Whether every position of a block is allowed."""
     for step in block.steps:
-        positions = step.angles_deg | step.lengths_mm
-        for axis, (low, high) in table.reach.items():
-            position = positions.get(axis)
-            if position is not None and not low - 1e-9 <= position <= high + 1e-9:
-                return False
+        for axis, position in (step.angles_deg | step.lengths_mm).items():
+            for low, high in filter(None, (table.reach.get(axis), table.rig.reach.limits(axis))):
+                if not low - ROUNDING <= position <= high + ROUNDING:
+                    return False
     return True

@@ -3,7 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from tiltcal.core.errors import TiltcalError, one_of
+import numpy as np
+
+from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.static_instrument import Still
@@ -23,6 +25,7 @@ def clock_of(
     dwell_s: tuple[float, float] = (SHORTEST, LONGEST),
     angles_deg: Mapping[str, tuple[float, float]] | None = None,
     step_deg: float = 0.0,
+    returns: bool = False,
 ) -> Clock:
     """Speed, times and limits of a scenario's table.
 
@@ -32,32 +35,38 @@ def clock_of(
         rate_deg_s: of moves.
         settle_s: after each.
         dwell_s: shortest and longest reading.
-        angles_deg: axis -> lowest and highest angle; axes that are not named have the range of
-            their joint in a user's own model, and zero, or turn without end.
+        angles_deg: axis -> lowest and highest angle, in addition to the limits of the rig and the
+            ranges of a model's joints; axes without any turn without end.
         step_deg: angles are its multiples; 0: any angle.
+        returns: whether the budget has the way back to the start.
 
     Raises:
         TiltcalError: the table has no such axis, or a value is out of range.
     """
     axes = Still(scenario, budget_s).axes
-    # every run starts with all axes at zero
-    ranges = {
-        axis: (min(low, 0.0), max(high, 0.0))
-        for axis, (low, high) in scenario.rig.ranges.items()
-        if axis in axes
-    }
-    stated = ranges | dict(angles_deg or {})
-    limits = {
-        one_of(axis, axes, "design, allowed angles", "axis"): (low * DEG, high * DEG)
-        for axis, (low, high) in stated.items()
-    }
+    reach = scenario.rig.narrowed(angles_deg or {}, {}).reach
+    limits = {axis: ends for axis in axes if (ends := reach.limits(axis)) is not None}
+    for axis, (low, high) in limits.items():
+        if step_deg > 0 and np.ceil(low / step_deg - 1e-9) > np.floor(high / step_deg + 1e-9):
+            raise TiltcalError(
+                f"design, axis {axis}",
+                found=f"no multiple of {step_deg:g} deg from {low:.9g} to {high:.9g} deg",
+                need="at least one",
+                do="correct --step-deg or the limits",
+            )
+    start = reach.start[[reach.table.axis_names.index(axis) for axis in axes]] * DEG
     return Clock(
         budget_s,
         rate_deg_s * DEG,
         settle_s,
         *dwell_s,
-        tuple(limits.get(name) for name in axes),
+        tuple(
+            (limits[axis][0] * DEG, limits[axis][1] * DEG) if axis in limits else None
+            for axis in axes
+        ),
         step_deg * DEG,
+        tuple(start),
+        returns,
     )
 
 

@@ -7,7 +7,7 @@ same direction from the table's other side) is tried one change at a time, and t
 again.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,7 +80,7 @@ def search(
     begun = [problem.rated(a, np.zeros(len(a))) for a in paths(problem, rng, effort.starts)]
     stages.begin(PATHS)
     drafts += _ascended(problem, begun, effort.first, engine, stages.part)
-    best = sorted(drafts, key=lambda d: -d.value)[: effort.kept]
+    best = sorted(drafts, key=_worth(problem), reverse=True)[: effort.kept]
     stages.begin(BEST)
     best = _ascended(problem, best, effort.then, engine, stages.part)
     for round_ in range(effort.rounds):
@@ -88,8 +88,18 @@ def search(
         best = [changed(problem, d, rng, effort.trials) for d in best]
         stages.part(CHANGES)
         best = _ascended(problem, best, effort.then, engine)
-    final = max(best, key=lambda d: d.value)
-    return on_steps(problem, final) if problem.clock.step > 0 else final
+    if problem.clock.step > 0:
+        best = [on_steps(problem, d) for d in best]
+    return max([*best, *(problem.rated(d.angles, d.z) for d in starts)], key=_worth(problem))
+
+
+def _worth(problem: Problem) -> Callable[[Draft], tuple[bool, float]]:
+    """Drafts whose fit can be judged come first, where the budget has them."""
+
+    def worth(draft: Draft) -> tuple[bool, float]:
+        return len(draft.angles) >= problem.least and draft.value > -np.inf, draft.value
+
+    return worth
 
 
 def _ascended(
@@ -118,12 +128,13 @@ def paths(problem: Problem, rng: np.random.Generator, count: int) -> Iterator[Ar
     clock, axes = problem.clock, problem.model.axes
     worth = poses_worth(problem)
     for k in range(count):
-        n = max(1, round(worth * (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)[k % 6]))
+        n = max(problem.least, round(worth * (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)[k % 6]))
         slope = rng.uniform(0.2, 1.2, axes) * rng.choice([-1.0, 1.0], axes)
         angles = (
             np.arange(n)[:, None] * slope
             + rng.normal(0, 0.1, (n, axes))
             + rng.uniform(-0.5, 0.5, axes)
+            + clock.origin
         )
         while len(angles) > 1 and float(clock.spare(folded(angles, clock))) < 0:
             angles = angles[:-1]
@@ -145,19 +156,21 @@ def changed(problem: Problem, draft: Draft, rng: np.random.Generator, trials: in
     """The best draft after one change: a pose less, a pose more, a stretch reversed, a pose from
     the other side.
     """
-    candidates = [*_shorter(draft), *_longer(draft, rng), *_reversed(problem, draft)]
+    candidates = [
+        *_shorter(draft),
+        *_longer(draft, problem.clock.origin, rng),
+        *_reversed(problem, draft),
+    ]
     if problem.model.axes == 2 and all(pair is None for pair in problem.clock.limits):
-        candidates += list(_other_side(draft))
+        candidates += list(_other_side(draft, problem.clock.origin))
     rng.shuffle(candidates)
     rated = [
         problem.rated(folded(angles, problem.clock), z) for angles, z in candidates[: 4 * trials]
     ]
-    best = max(rated, key=lambda d: d.value, default=draft)
-    polished = [
-        ascend(problem, d, 15)
-        for d in sorted(rated, key=lambda d: -d.value)[: max(trials // 10, 1)]
-    ]
-    return max([best, draft, *polished], key=lambda d: d.value)
+    worth = _worth(problem)
+    rated.sort(key=worth, reverse=True)
+    polished = [ascend(problem, d, 15) for d in rated[: max(trials // 10, 1)]]
+    return max([*rated[:1], draft, *polished], key=worth)
 
 
 def _shorter(draft: Draft) -> Iterator[tuple[Array, Array]]:
@@ -166,9 +179,9 @@ def _shorter(draft: Draft) -> Iterator[tuple[Array, Array]]:
             yield np.delete(draft.angles, k, axis=0), np.delete(draft.z, k)
 
 
-def _longer(draft: Draft, rng: np.random.Generator) -> Iterator[tuple[Array, Array]]:
+def _longer(draft: Draft, origin: Array, rng: np.random.Generator) -> Iterator[tuple[Array, Array]]:
     """A pose between two, anywhere near the way."""
-    angles = np.vstack([np.zeros(draft.angles.shape[1]), draft.angles])
+    angles = np.vstack([origin, draft.angles])
     for k in range(len(draft.angles)):
         between = (angles[k] + angles[k + 1]) / 2 + rng.normal(0, 0.15, angles.shape[1])
         yield np.insert(draft.angles, k, between, axis=0), np.insert(draft.z, k, draft.z[k])
@@ -189,17 +202,17 @@ def _reversed(problem: Problem, draft: Draft) -> Iterator[tuple[Array, Array]]:
 
 def _ends(angles: Array, i: int, j: int, clock: Clock) -> float:
     """Seconds that the reversal of poses i..j costs."""
-    before = angles[i - 1] if i else np.zeros_like(angles[0])
+    before = angles[i - 1] if i else clock.origin
     cost = np.abs(angles[j] - before).max() - np.abs(angles[i] - before).max()
     if j + 1 < len(angles):
         cost += np.abs(angles[j + 1] - angles[i]).max() - np.abs(angles[j + 1] - angles[j]).max()
     return float(cost / clock.rate)
 
 
-def _other_side(draft: Draft) -> Iterator[tuple[Array, Array]]:
+def _other_side(draft: Draft, origin: Array) -> Iterator[tuple[Array, Array]]:
     """The dual table turns a direction up from two sides: (a, b) and (-a, b + 180 deg)."""
     for k in range(len(draft.angles)):
-        before = draft.angles[k - 1] if k else np.zeros(2)
+        before = draft.angles[k - 1] if k else origin
         other = np.array([-draft.angles[k, 0], draft.angles[k, 1] + np.pi])
         angles = draft.angles.copy()
         angles[k] = before + (other - before + np.pi) % (2 * np.pi) - np.pi

@@ -87,8 +87,12 @@ class Still:
         """
         zero = np.zeros(len(angles))
         where = {name: Jet(angles[:, k], zero, zero) for k, name in enumerate(self.axes)}
+        reach = self.scenario.rig.reach
         axes = {
-            name: where.get(name, Jet(zero, zero, zero)) for name in self.scenario.rig.axis_names
+            name: where.get(name, Jet(zero + stands, zero, zero))
+            for name, stands in zip(
+                self.scenario.rig.axis_names, reach.start * reach.sizes, strict=True
+            )
         }
         climate = self.scenario.climate
         return Drive(

@@ -16,12 +16,11 @@ from tiltcal.core.units import DEG
 from tiltcal.design.plan import Plan
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.pose_schemes import label_of
-from tiltcal.setup.schedule import move_time
+from tiltcal.setup.reach import DECIMALS
+from tiltcal.setup.schedule import move_time, require_allowed
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.sequence_files import sequence_columns
 from tiltcal.setup.tables import angle_key
-
-DECIMALS = 6  # of a degree
 
 
 def steps_of(plan: Plan, up: Array) -> list[Step]:
@@ -36,26 +35,32 @@ def steps_of(plan: Plan, up: Array) -> list[Step]:
     """
     clock = plan.problem.clock
     rate = clock.rate / DEG
-    steps, position = [], np.zeros(plan.angles.shape[1])
+    steps, position = [], clock.origin
     for angles, dwell, direction in zip(plan.angles, plan.dwell, up, strict=True):
         distance = float(np.abs(angles - position).max())
         taken = move_time(distance, clock.rate) if distance > 0 else 0.0
         stay = distance / clock.rate + clock.settle + float(dwell) - taken
-        where = {
-            angle_key(name): round(float(a) / DEG, DECIMALS) + 0.0
-            for name, a in zip(plan.axes, angles, strict=True)
-        }
         steps.append(
             Step(
                 action="move",
-                **where,
+                **_where(plan, angles),
                 rate_deg_s=rate,
                 dwell_s=round(stay, 6),
                 label=label_of(direction),
             )
         )
         position = angles
+    if clock.returns:
+        steps.append(Step(action="move", **_where(plan, clock.origin), rate_deg_s=rate))
     return steps
+
+
+def _where(plan: Plan, angles: Array) -> dict[str, float]:
+    """Keys of a step for angles, rad, (axes,)."""
+    return {
+        angle_key(name): round(float(a) / DEG, DECIMALS) + 0.0
+        for name, a in zip(plan.axes, angles, strict=True)
+    }
 
 
 def steps_csv(steps: list[Step]) -> str:
@@ -95,13 +100,23 @@ def designed_table(scenario: Scenario, steps: list[Step], name: str) -> dict[str
     return {"schema": 1} | stated | {"name": name, "sequence": sequence}
 
 
-def printable(plan: Plan, up: Array) -> str:
+def _start_and_end(plan: Plan) -> list[str]:
+    """Where the table stands before and after, where that is not zero or is asked for."""
+    clock = plan.problem.clock
+    if not (clock.origin.any() or clock.returns):
+        return []
+    where = ", ".join(f"{n} {a / DEG:g} deg" for n, a in zip(plan.axes, clock.origin, strict=True))
+    return [f"starts at {where}{'; ends there' if clock.returns else ''}"]
+
+
+def printable(plan: Plan, up: Array, efficiency: float | None = None) -> str:
     """The printed list for the table: poses, then the expected standard uncertainty of each
     parameter.
 
     Args:
         plan: plan of a design.
         up: in the body frame, (n, 3).
+        efficiency: of the plan, where it is known.
     """
     clock, model, what = plan.problem.clock, plan.problem.model, plan.forecast
     head = "".join(f"{name + ' deg':>12}" for name in plan.axes)
@@ -110,6 +125,7 @@ def printable(plan: Plan, up: Array) -> str:
             f"{what.poses} poses in {what.total_s:.1f} s of {clock.budget:g} s; moves at"
             f" {clock.rate / DEG:g} deg/s, then {clock.settle:g} s to settle, then read"
         ),
+        *_start_and_end(plan),
         "",
         f"{'step':>4}{head}{'read from s':>13}{'read s':>9}   up in the body frame",
     ]
@@ -135,6 +151,11 @@ def printable(plan: Plan, up: Array) -> str:
             f" {what.nats:.2f} nats"
         ),
     ]
+    if efficiency is not None:
+        lines.append(
+            f"efficiency at least {100 * efficiency:.1f} %: of the most information that any poses"
+            " give, read at these times for as long"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -143,6 +164,7 @@ def write_plan(
     scenario: Scenario,
     up: Array,
     folder: Path,
+    efficiency: float | None = None,
 ) -> None:
     """Write design.toml, steps.csv, steps.txt, segments.csv and design.json to a folder.
 
@@ -151,15 +173,18 @@ def write_plan(
         scenario: that it was designed for.
         up: the up direction of each pose in the body frame, (n, 3).
         folder: where.
+        efficiency: of the plan, where it is known.
     """
     import tomli_w
 
     steps = steps_of(plan, up)
+    require_allowed(steps, scenario.rig)
     write_text(
         folder / "design.toml",
         tomli_w.dumps(designed_table(scenario, steps, f"{scenario.name}, designed")),
     )
     write_text(folder / "steps.csv", steps_csv(steps))
-    write_text(folder / "steps.txt", printable(plan, up))
+    write_text(folder / "steps.txt", printable(plan, up, efficiency))
     write_text(folder / "segments.csv", segments_csv(plan))
-    write_json(folder / "design.json", plan.to_json())
+    known = {} if efficiency is None else {"efficiency": efficiency}
+    write_json(folder / "design.json", plan.to_json() | known)

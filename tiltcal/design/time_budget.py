@@ -8,6 +8,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG
 
+Limits = tuple[tuple[float, float] | None, ...]
+"""Least and largest angle of each axis, rad; None where it turns without end."""
 SHORTEST, LONGEST = 5.0, 60.0  # s, of a dwell unless stated
 ROUNDING = 1e-13  # of the budget: sums of some hundred numbers are not known better
 
@@ -17,8 +19,7 @@ class Clock:
     """Speed and limits of a table.
 
     All axes move at once, each at ``rate``; a move takes as long as its longest axis, then the pose
-    settles, then it is read. The ramps of the drive are inside the settling. The first move starts
-    from all axes at zero.
+    settles, then it is read. The ramps of the drive are inside the settling.
 
     Args:
         budget: s of table time, from the first move to the last reading.
@@ -27,6 +28,9 @@ class Clock:
         shortest, longest: s of a dwell.
         limits: (least, largest) angle of each axis, rad; None where it turns without end.
         step: rad, angles are its multiples; 0: any angle.
+        start: angle of each axis before the first move, rad; not given: zero, or the allowed angle
+            nearest to it.
+        returns: whether the budget has the way back to the start.
     """
 
     budget: float
@@ -34,8 +38,10 @@ class Clock:
     settle: float = 5.0
     shortest: float = SHORTEST
     longest: float = LONGEST
-    limits: tuple[tuple[float, float] | None, ...] = (None, None)
+    limits: Limits = (None, None)
     step: float = 0.0
+    start: tuple[float, ...] | None = None
+    returns: bool = False
 
     def __post_init__(self) -> None:
         for name, value, low in (
@@ -58,20 +64,28 @@ class Clock:
                 need="longest >= shortest",
                 do="exchange them",
             )
-        for pair in self.limits:
-            if pair is not None and not pair[0] <= 0 <= pair[1]:
-                low, high = (p / DEG for p in pair)
-                raise TiltcalError(
-                    "design, allowed angles",
-                    found=f"{low:g} to {high:g} deg",
-                    need="a range that includes 0, where the table starts",
-                    do="count the angles from the start",
-                )
+
+    @property
+    def origin(self) -> Array:
+        """Angles before the first move, rad, (axes,)."""
+        if self.start is not None:
+            return np.array(self.start)
+        return np.array([0.0 if pair is None else np.clip(0.0, *pair) for pair in self.limits])
 
     def moves(self, angles: Array) -> Array:
         """Seconds of the move to each pose, (..., n). angles: rad, (..., n, axes)."""
-        start = np.zeros_like(angles[..., :1, :])
+        start = np.broadcast_to(self.origin, angles[..., :1, :].shape)
         return np.asarray(np.abs(np.diff(angles, axis=-2, prepend=start)).max(axis=-1) / self.rate)
+
+    def way_back(self, angles: Array) -> Array:
+        """Seconds from the last pose back to the start, where the budget has them, (...).
+
+        Args:
+            angles: rad, (..., n, axes).
+        """
+        if not self.returns or angles.shape[-2] == 0:
+            return np.zeros(angles.shape[:-2])
+        return np.asarray(np.abs(angles[..., -1, :] - self.origin).max(axis=-1) / self.rate)
 
     def middles(self, angles: Array, dwell: Array) -> Array:
         """Time of the middle of each dwell, s, (..., n)."""
@@ -84,7 +98,8 @@ class Clock:
             angles: rad, (n, axes).
             dwell: s, (n,).
         """
-        return float(self.moves(angles).sum() + self.settle * len(angles) + dwell.sum())
+        moving = float(self.moves(angles).sum() + self.way_back(angles))
+        return moving + self.settle * len(angles) + float(dwell.sum())
 
     def shortened(self, angles: Array, dwell: Array) -> Array:
         """Dwells of a sequence that fills the budget, s, the longest of them so much shorter that
@@ -105,10 +120,8 @@ class Clock:
         Args:
             angles: rad, (n, axes).
         """
-        n = angles.shape[-2]
-        return np.asarray(
-            self.budget - self.moves(angles).sum(axis=-1) - n * (self.settle + self.shortest)
-        )
+        moving = self.moves(angles).sum(axis=-1) + self.way_back(angles)
+        return np.asarray(self.budget - moving - angles.shape[-2] * (self.settle + self.shortest))
 
     def inside(self, angles: Array) -> Array:
         """Angles brought within the limits and onto the steps, (n, axes). angles: rad."""
@@ -126,15 +139,17 @@ class Clock:
         return found
 
 
-def unwound(angles: Array, limits: tuple[tuple[float, float] | None, ...]) -> Array:
+def unwound(angles: Array, limits: Limits, origin: Array | None = None) -> Array:
     """The same poses with each axis going the short way round from pose to pose, where it turns
     without end; (n, axes).
 
     Args:
         angles, limits: rad.
+        origin: angles before the first move, rad, (axes,); zero if not given.
     """
     found = np.array(angles, dtype=float)
+    start = np.zeros(len(limits)) if origin is None else origin
     for k, pair in enumerate(limits):
         if pair is None and len(found):
-            found[:, k] = np.unwrap(np.concatenate([[0.0], found[:, k]]))[1:]
+            found[:, k] = np.unwrap(np.concatenate([start[k : k + 1], found[:, k]]))[1:]
     return found

@@ -60,7 +60,7 @@ class PosePath:
 
     def drive(self, time: Array) -> Drive:
         """The drive at ``time``, which has to be this way's own. time: s, (n,)."""
-        before = np.vstack([np.zeros(self.angles.shape[1]), self.angles[:-1]])
+        before = np.vstack([self.clock.origin, self.angles[:-1]])
         part = np.linspace(0, 1, ON_THE_WAY)[:, None]
         along = (before[:, None, :] + part * (self.angles - before)[:, None, :]).reshape(
             len(time), -1
@@ -84,10 +84,10 @@ def visiting_order(
         clock: table time of poses.
         rng: source of random numbers.
     """
-    quick, n = _Quick(seen, angles), len(angles)
+    quick, n = _Quick(seen, angles, clock), len(angles)
     tried = [quick.improved(quick.nearest(int(k)), rng) for k in rng.permutation(n)[:STARTS]]
     found = [
-        unwound(angles[order], clock.limits)
+        unwound(angles[order], clock.limits, clock.origin)
         for order in (*tried, *(rng.permutation(n) for _ in range(ORDERS)))
     ]
     left = [energies_in_order(seen, ordered, clock) for ordered in found]
@@ -105,8 +105,8 @@ class _Quick:
     closed form.
     """
 
-    def __init__(self, seen: Signatures, angles: Array) -> None:
-        self.angles = angles
+    def __init__(self, seen: Signatures, angles: Array, clock: Clock) -> None:
+        self.angles, self.clock = angles, clock
         F = seen.linear(angles).reshape(len(angles), -1)
         self.Q, size, _ = np.linalg.svd(F, full_matrices=False)
         self.Q = self.Q[:, size > 1e-9 * size[0]]
@@ -122,7 +122,7 @@ class _Quick:
             k = min(
                 left,
                 key=lambda i: float(
-                    np.abs(_wrapped(self.angles[i] - self.angles[order[-1]])).max()
+                    np.abs(self._turns(self.angles[i] - self.angles[order[-1]])).max()
                 ),
             )
             left.remove(k)
@@ -146,15 +146,16 @@ class _Quick:
         """Least visible share, less the travel: a turn of the table costs a hundredth."""
         Q = self.Q[order]
         visible = 1 - ((Q.T @ self.courses) ** 2).sum(axis=0)
-        turns = _wrapped(np.diff(self.angles[order], axis=0, prepend=0 * self.angles[:1]))
+        turns = self._turns(np.diff(self.angles[order], axis=0, prepend=self.clock.origin[None]))
         side = np.sign(np.where(np.abs(turns) > 1e-9, turns, 0.0))
         from_both = 1 - ((Q.T @ side) ** 2).sum(axis=0) / np.maximum((side**2).sum(axis=0), 1)
         travel = np.abs(turns[1:]).max(axis=1).sum() / (2 * np.pi)
         return min(float(visible.min()), float(from_both.min()) + 0.1, 0.97) - 0.01 * float(travel)
 
-
-def _wrapped(turn: Array) -> Array:
-    return np.asarray((turn + np.pi) % (2 * np.pi) - np.pi)
+    def _turns(self, way: Array) -> Array:
+        """The short way round of axes that turn without end, rad, (..., axes). way: rad."""
+        endless = np.array([pair is None for pair in self.clock.limits])
+        return np.where(endless, (way + np.pi) % (2 * np.pi) - np.pi, way)
 
 
 def energies_in_order(seen: Signatures, ordered: Array, clock: Clock) -> dict[str, float]:

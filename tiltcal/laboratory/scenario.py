@@ -3,6 +3,7 @@ its path.
 """
 
 import tomllib
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -21,6 +22,7 @@ from tiltcal.laboratory.scenario_tables import (
     MethodTable,
 )
 from tiltcal.setup.part import StrictTable
+from tiltcal.setup.reach import Ends
 from tiltcal.setup.schedule import Schedule, build_schedule
 from tiltcal.setup.sequence import Climate, Step
 from tiltcal.setup.setup import Setup
@@ -292,6 +294,22 @@ def fresh(scenario: Scenario, **changes: Any) -> Scenario:
     for name in ("effects", "schedule"):
         copy.__dict__.pop(name, None)
     return copy
+
+
+def narrowed(
+    scenario: Scenario, limits: Mapping[str, Ends], start: Mapping[str, float] | None = None
+) -> Scenario:
+    """The scenario whose rig keeps to further limits, or starts elsewhere.
+
+    Args:
+        scenario: with the rig.
+        limits: lowest and highest readout by axis, deg or mm.
+        start: readout before the first move by axis, deg or mm.
+
+    Raises:
+        TiltcalError: there is no such axis, or a joint or a limit rules them out.
+    """
+    return fresh(scenario, rig=scenario.rig.narrowed(limits, start or {}))
 
 
 def scenario_schema() -> dict[str, Any]:

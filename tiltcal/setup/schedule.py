@@ -200,13 +200,24 @@ def build_schedule(steps: Sequence[Step], rig: Rig, climate: Climate | None = No
     return Schedule(tuple(builder.legs), rig.axis_names, climate or Climate())
 
 
+def require_allowed(steps: Sequence[Step], rig: Rig) -> None:
+    """Refuse a sequence that leaves the reach of the rig: every move is straight from end to end.
+
+    Raises:
+        TiltcalError: naming the axis, its joint, and the limit.
+    """
+    legs = build_schedule(steps, rig).legs
+    ends = np.array([position for leg in legs for position in (leg.q0, leg.q0 + leg.dq)])
+    rig.reach.require(ends / rig.reach.sizes, "sequence")
+
+
 class _Builder:
     """Lays legs end to end while it remembers where the table stands."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig, self.names = rig, rig.axis_names
         self.slides = np.array([name in rig.kind.sliding for name in self.names], bool)
-        self.q = np.zeros(len(self.names) or 3)
+        self.q = rig.reach.start * rig.reach.sizes if self.names else np.zeros(3)
         self.R = np.eye(3)
         self.mount = rig.mount
         self.label: str | None = None

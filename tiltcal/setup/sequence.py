@@ -127,14 +127,21 @@ class Step(StrictTable):
     @property
     def angles_deg(self) -> dict[str, float]:
         """Angle of each axis that the step names, deg."""
-        given = {name: (self.model_extra or {}).get(angle_key(name)) for name in axis_names()}
-        return {name: angle for name, angle in given.items() if angle is not None}
+        return self._positions(angle_key(""))
 
     @property
     def lengths_mm(self) -> dict[str, float]:
         """Place of each axis that slides and that the step names, mm."""
-        given = {name: (self.model_extra or {}).get(length_key(name)) for name in sliding_axes()}
-        return {name: position for name, position in given.items() if position is not None}
+        return self._positions(length_key(""))
+
+    def _positions(self, suffix: str) -> dict[str, float]:
+        """What the step states under keys of this end, by axis."""
+        given = (self.model_extra or {}).items()
+        return {
+            key.removesuffix(suffix): position
+            for key, position in given
+            if key.endswith(suffix) and position is not None
+        }
 
     @field_validator("up")
     @classmethod

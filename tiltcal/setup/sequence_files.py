@@ -51,7 +51,7 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
             do="write the steps down as text",
         )
     rows: list[dict[str, str]] = []
-    mount, here = rig.mount, np.zeros(len(rig.axis_names))
+    mount, here = rig.mount, rig.reach.start * rig.reach.sizes
     for leg in build_schedule(steps, rig).legs:
         if leg.profile == "swing":
             raise TiltcalError(

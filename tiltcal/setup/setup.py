@@ -2,12 +2,20 @@
 properties.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache, cached_property
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from tiltcal.core.arrays import Array
@@ -16,6 +24,7 @@ from tiltcal.core.frames import earth_rate, parse_mount
 from tiltcal.core.units import DEG
 from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
 from tiltcal.setup.part import StrictTable
+from tiltcal.setup.reach import Ends, Reach
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.sources import SourceTable
 from tiltcal.setup.tables import BUILT_IN, Axis, Table, add_model, every_table, find_table, tables
@@ -80,6 +89,26 @@ def _list_tables(schema: dict[str, Any]) -> None:
     schema["enum"] = list(tables())
 
 
+def _pairs(text: Any) -> Any:
+    return tuple(text.items()) if isinstance(text, Mapping) else text
+
+
+def _table_of_pairs(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    return dict(pairs)
+
+
+def _by_axis(schema: dict[str, Any]) -> tuple[Any, ...]:
+    """A table in the file, pairs in memory: a rig is hashable."""
+    table = {"type": "object", "additionalProperties": schema}
+    return BeforeValidator(_pairs), PlainSerializer(_table_of_pairs), WithJsonSchema(table)
+
+
+NUMBER: dict[str, Any] = {"type": "number"}
+TWO_NUMBERS: dict[str, Any] = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}
+LimitsByAxis = Annotated[tuple[tuple[str, Ends], ...], *_by_axis(TWO_NUMBERS)]
+PositionByAxis = Annotated[tuple[tuple[str, float], ...], *_by_axis(NUMBER)]
+
+
 class Rig(StrictTable):
     """The table and how the instrument sits on it.
 
@@ -105,6 +134,14 @@ class Rig(StrictTable):
     """Largest payload of a user's own robot, kg: how large an unknown one may plausibly be."""
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """From the axes' common point to the sensors, in the body frame, m."""
+    limits: LimitsByAxis = ()
+    """Lowest and highest readout of an axis, such as `{ outer = [-90, 90] }`, deg, or mm where it
+    slides: plans keep to them and to the ranges of a model's joints.
+    """
+    start: PositionByAxis = ()
+    """Readout of an axis before the first move, deg or mm; not given: zero, or the allowed readout
+    nearest to it.
+    """
 
     @model_validator(mode="before")
     @classmethod
@@ -125,10 +162,42 @@ class Rig(StrictTable):
     def _mount_reads(cls, text: str) -> str:
         return readable_mount(text)
 
+    @model_validator(mode="after")
+    def _stands_within_its_limits(self) -> Self:
+        try:
+            _ = self.reach
+        except TiltcalError as error:
+            raise ValueError(str(error)) from error
+        return self
+
     @cached_property
     def kind(self) -> Table:
         """The declaration of its table."""
         return find_table(self.table)
+
+    @cached_property
+    def reach(self) -> Reach:
+        """Where its axes may stand, and where they stand before the first move."""
+        return Reach.of(self.kind, dict(self.limits), dict(self.start))
+
+    def narrowed(self, limits: Mapping[str, Ends], start: Mapping[str, float]) -> "Rig":
+        """The rig with further limits, or another start.
+
+        Args:
+            limits: lowest and highest readout by axis, deg or mm.
+            start: readout before the first move by axis, deg or mm.
+
+        Raises:
+            TiltcalError: there is no such axis, or a joint or a limit rules them out.
+        """
+        own = dict(self.limits)
+        both = {
+            axis: (max(low, own[axis][0]), min(high, own[axis][1])) if axis in own else (low, high)
+            for axis, (low, high) in limits.items()
+        }
+        together, stands = own | both, dict(self.start) | dict(start)
+        Reach.of(self.kind, together, stands)
+        return Rig.model_validate({**self.model_dump(), "limits": together, "start": stands})
 
     @property
     def axes(self) -> tuple[Axis, ...]:

@@ -167,7 +167,12 @@ def _columns(poses: Poses, model: Model) -> Iterator[tuple[Explanation, Fit]]:
 
 
 def known_attitude_tests(
-    poses: Poses, model: Model, fit: Fit, recording: Recording, turned: Turned
+    poses: Poses,
+    model: Model,
+    fit: Fit,
+    recording: Recording,
+    turned: Turned,
+    stated: bool,
 ) -> list[Test]:
     """Consistency of the poses with its most probable cause, second order, drift; for a triad
     unit, columns and faces.
@@ -177,6 +182,7 @@ def known_attitude_tests(
         model, fit: of their means.
         recording: that the poses are of.
         turned: the poses under other references, and with errors of the table.
+        stated: whether the dwells are stated: a face without one was not to be recorded.
     """
     unit = recording.sensor(poses.sensor).units[0]
     words = f"residuals of {fit.dof} redundant equations against the noise of the means"
@@ -192,7 +198,7 @@ def known_attitude_tests(
     if not tests[0].passed or not plausible:
         tried = causes(poses, model, fit, recording, turned, fits=tests[0].passed)
         tests.append(cause_test(tried, recording.source))
-    return [*tests, _faces_complete(poses)] if triad else tests
+    return [*tests, _faces_complete(poses, stated)] if triad else tests
 
 
 def _second_order(poses: Poses, model: Model, fit: Fit) -> list[Test]:
@@ -211,7 +217,7 @@ def _second_order(poses: Poses, model: Model, fit: Fit) -> list[Test]:
     return [chi2_test("second order", drop, gained, words)]
 
 
-def _faces_complete(poses: Poses) -> Test:
+def _faces_complete(poses: Poses, stated: bool) -> Test:
     missing = [face for face, e in FACES.items() if np.max(poses.up @ e) < 0.5]
     words = "every axis was recorded up and down"
     if missing:
@@ -223,9 +229,11 @@ def _faces_complete(poses: Poses) -> Test:
         for k, n in zip(first, np.bincount(group), strict=True)
         if n > 1
     ]
-    if missing and repeated:
+    if missing and stated:
+        words += ", nor is there a stated dwell: the model is not tested there"
+    elif missing and repeated:
         words += f", but {', '.join(repeated)}: recorded twice instead?"
-    return threshold_test("faces complete", len(missing), not missing, words, dof=6)
+    return threshold_test("faces complete", len(missing), stated or not missing, words, dof=6)
 
 
 def _face(direction: Array) -> str:

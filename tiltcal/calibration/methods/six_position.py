@@ -89,7 +89,8 @@ def six_position(
     model = Model(setup, terms, start, end - start)
     poses, fit, units = solve_about_errors(poses, model, partial(turned, setup))
     live += outlier_tests(recording, poses)
-    tests = [*known_attitude_tests(poses, model, fit, recording, turned), *live]
+    stated = segments is not None
+    tests = [*known_attitude_tests(poses, model, fit, recording, turned, stated), *live]
     warnings.append(fixture_rotation(fit, used))
     determined = not fit.dropped and fit.dof > 0
     if not determined:

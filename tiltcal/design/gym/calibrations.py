@@ -6,7 +6,9 @@ The posterior covariance is kept channel by channel and takes a pose in by a ran
 channels with the same regressors share one. Units: g, prior standard deviations, s, rad.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +17,8 @@ from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.units import DEG
 from tiltcal.design.polynomial import FLOOR, KINDS, PRIOR, WHITE, dual_up, regressors
 from tiltcal.design.time_budget import Clock
+from tiltcal.setup.reach import Reach
+from tiltcal.setup.tables import DUAL
 
 SLACK = 1e-3  # s by which an episode may overrun: actions are float32
 HALF_TURN = 180.0  # deg, the longest move the short way round
@@ -31,6 +35,8 @@ class Task:
         rate_deg_s: of moves.
         settle_s: after each.
         shortest_s, longest_s: of a dwell.
+        limits_deg: lowest and highest angle of an axis, outer or inner; without one it turns
+            without end.
     """
 
     model: str = "linear"
@@ -40,11 +46,17 @@ class Task:
     settle_s: float = 5.0
     shortest_s: float = 5.0
     longest_s: float = 60.0
+    limits_deg: Mapping[str, tuple[float, float]] | None = None
 
     def __post_init__(self) -> None:
         one_of(self.model, KINDS, "textbook model")
         clock = self.clock
-        least = HALF_TURN / self.rate_deg_s + 2 * self.settle_s + self.longest_s + self.shortest_s
+        longest_move = float(
+            np.where(self.endless, HALF_TURN, self.reach.high - self.reach.low).max()
+        )
+        least = (
+            longest_move / self.rate_deg_s + 2 * self.settle_s + self.longest_s + self.shortest_s
+        )
         if clock.budget < least:
             raise TiltcalError(
                 "environment, budget_s",
@@ -53,11 +65,27 @@ class Task:
                 do="raise it, or shorten longest_s",
             )
 
+    @cached_property
+    def reach(self) -> Reach:
+        """Where the axes may stand."""
+        return Reach.of(DUAL, self.limits_deg or {}, {})
+
+    @cached_property
+    def endless(self) -> Mask:
+        """Which axes turn without end, (2,)."""
+        return np.array([self.reach.limits(axis) is None for axis in DUAL.axis_names])
+
     @property
     def clock(self) -> Clock:
         """The same for a design."""
+        ends = [self.reach.limits(axis) for axis in DUAL.axis_names]
         return Clock(
-            self.budget_s, self.rate_deg_s * DEG, self.settle_s, self.shortest_s, self.longest_s
+            self.budget_s,
+            self.rate_deg_s * DEG,
+            self.settle_s,
+            self.shortest_s,
+            self.longest_s,
+            tuple(None if pair is None else (pair[0] * DEG, pair[1] * DEG) for pair in ends),
         )
 
     @property
@@ -101,21 +129,17 @@ class Bench:
         self.restart(np.ones(self.count, dtype=bool))
 
     def restart(self, which: Mask) -> None:
-        """Begin again: the prior, axes at zero, the whole time left. which: (count,)."""
+        """Begin again: the prior, axes at their start, the whole time left. which: (count,)."""
         self.covariance[which] = np.eye(self.covariance.shape[-1])
-        self.drift[which], self.elapsed[which], self.angles[which], self.steps[which] = (
-            1.0,
-            0.0,
-            0.0,
-            0,
-        )
+        self.drift[which], self.elapsed[which], self.steps[which] = 1.0, 0.0, 0
+        self.angles[which] = self.task.reach.start * DEG
 
     def step(self, angles: Array, dwell: Array, live: Mask) -> tuple[Array, Mask, Array]:
-        """Go to angles the short way round, settle, read; a pose that would overrun is refused and
-        ends its episode.
+        """Go to angles, settle, read; a pose that would overrun is refused and ends its episode.
+        An axis without limits goes the short way round, and never leaves its limits otherwise.
 
         Args:
-            angles: rad, (count, 2), any turn.
+            angles: rad, (count, 2), any turn of an axis without limits.
             dwell: s, (count,).
             live: those that take part, (count,).
 
@@ -123,14 +147,16 @@ class Bench:
             Nats gained, (count,); whether the episode is over, (count,); seconds spent, (count,).
         """
         task = self.task
-        turn = (angles - self.angles + np.pi) % (2 * np.pi) - np.pi
+        way = angles - self.angles
+        turn = np.where(task.endless, (way + np.pi) % (2 * np.pi) - np.pi, way)
         spent = np.abs(turn).max(axis=1) / (task.rate_deg_s * DEG) + task.settle_s + dwell
         taken = live & (self.elapsed + spent <= task.budget_s + SLACK)
         middle = self.elapsed + spent - dwell / 2
         weight = np.where(taken, PRIOR**2 / (WHITE**2 / dwell + FLOOR**2), 0.0)
         nats = self._learn(angles, middle / task.budget_s, weight)
         spent = np.where(taken, spent, 0.0)
-        self.angles = np.where(taken[:, None], angles % (2 * np.pi), self.angles)
+        there = np.where(task.endless, angles % (2 * np.pi), angles)
+        self.angles = np.where(taken[:, None], there, self.angles)
         self.elapsed = self.elapsed + spent
         self.steps = self.steps + taken
         over = live & (~taken | (task.budget_s - self.elapsed < task.settle_s + task.shortest_s))

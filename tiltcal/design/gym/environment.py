@@ -34,7 +34,7 @@ class Calibration(gymnasium.Env[Any, Any]):
     Args:
         render_mode: None only.
         task: keywords of ``Task``: model, drift, budget_s, rate_deg_s, settle_s, shortest_s,
-            longest_s.
+            longest_s, limits_deg.
     """
 
     metadata = {"render_modes": []}
@@ -81,7 +81,7 @@ class CalibrationDiscrete(Calibration):
 
     def __init__(self, render_mode: str | None = None, **task: Any) -> None:
         super().__init__(render_mode, **task)
-        self.menu = menu()
+        self.menu = menu(self.task)
         self.action_space = spaces.Discrete(len(self.menu) * len(DWELLS))
 
     def poses(self, action: Any) -> tuple[Any, Any]:
@@ -168,7 +168,7 @@ class CalibrationDiscreteVector(CalibrationVector):
     """``CalibrationDiscrete`` times ``num_envs``."""
 
     def _single_action_space(self) -> spaces.Space[Any]:
-        self.menu = menu()
+        self.menu = menu(self.task)
         return spaces.Discrete(len(self.menu) * len(DWELLS))
 
     def poses(self, actions: Any) -> tuple[Any, Any]:

@@ -31,6 +31,7 @@ def rollout(policy: Policy, task: Task, count: int = 1) -> Array:
         settle_s=task.settle_s,
         shortest_s=task.shortest_s,
         longest_s=task.longest_s,
+        limits_deg=task.limits_deg,
     )
     observations, _ = environment.reset()
     total, live, step = np.zeros(count), np.ones(count, dtype=bool), 0
@@ -91,8 +92,9 @@ def greedy(task: Task) -> tuple[Array, Array]:
 
 
 def _greedily(task: Task) -> Iterator[tuple[Array, float]]:
-    choices = np.repeat(menu(), len(DWELLS), axis=0)
-    dwells = np.tile(DWELLS, len(menu()))
+    poses = menu(task)
+    choices = np.repeat(poses, len(DWELLS), axis=0)
+    dwells = np.tile(DWELLS, len(poses))
     bench = Bench(task, len(choices))
     everyone = np.ones(len(choices), dtype=bool)
     while True:

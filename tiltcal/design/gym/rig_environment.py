@@ -41,7 +41,7 @@ class RigEnvironment(gymnasium.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """At rest with all axes at zero, and the first sample. seed: of the instrument."""
+        """At rest where the rig starts, and the first sample. seed: of the instrument."""
         super().reset(seed=seed)
         self.rigs.restart(self._all, seed)
         observation, info, _ = self.rigs.sample(~self._all)

@@ -24,6 +24,7 @@ from tiltcal.effects.sense import Sense
 from tiltcal.forward.jacobian import candidates, white_noise
 from tiltcal.laboratory.instrument.carried import CarriedInstrument
 from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.setup.reach import Reach
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import Table
 from tiltcal.setup.trajectory import Drive, Jet
@@ -39,45 +40,43 @@ class AxisLimits:
     Args:
         rate, acceleration: largest, 1/s, 1/s2, (axes,).
         low, high: of the readout, (axes,).
+        start: of the readout when an episode begins, (axes,).
     """
 
     rate: Array
     acceleration: Array
     low: Array
     high: Array
+    start: Array
 
     @classmethod
-    def stated(
-        cls,
-        table: Table,
-        rate: Mapping[str, float],
-        acceleration: Mapping[str, float],
-        limits: Mapping[str, Ranges | None],
+    def of(
+        cls, reach: Reach, rate: Mapping[str, float], acceleration: Mapping[str, float]
     ) -> "AxisLimits":
-        """In the unit of the readout, deg or mm. Axes that turn go on without end where they have
-        no limits.
+        """Axes that turn go on without end where they have no limits.
 
         Args:
-            table: table with the axes.
-            rate, acceleration: largest by unit, 1/s and 1/s2.
-            limits: lowest and highest by unit and axis.
+            reach: where the axes may stand.
+            rate, acceleration: largest by unit of the readout, 1/s and 1/s2.
 
         Raises:
-            TiltcalError: an axis that there is not, one that slides without limits, or a limit that
-                does not include zero.
+            TiltcalError: a rate is not positive, an axis slides without limits, or cannot move.
         """
+        table = reach.table
         for unit in ("deg", "mm"):
             _require_positive(f"rate_{unit}_s", rate[unit])
             _require_positive(f"acceleration_{unit}_s2", acceleration[unit])
-        stated = dict(pair for unit in limits for pair in _stated(table, unit, limits[unit]))
-        for name in sorted(table.sliding - stated.keys()):
-            need = "its lowest and highest position"
-            raise _refused("limits_mm", f"no axis {name}, which slides", need)
+        for name in table.axis_names:
+            ends = reach.limits(name)
+            if ends is None and name in table.sliding:
+                need = "its lowest and highest position"
+                raise _refused("limits_mm", f"no axis {name}, which slides", need)
+            if ends is not None and ends[0] == ends[1]:
+                raise _refused(f"limits of {name}", f"{ends[0]:g} alone", "room to move")
         units = [table.unit(name) for name in table.axis_names]
-        sizes = np.array([table.size(name) for name in table.axis_names])
-        ends = np.array([stated.get(name, (-np.inf, np.inf)) for name in table.axis_names])
         fastest, hardest = (np.array([of[u] for u in units]) for of in (rate, acceleration))
-        return cls(fastest * sizes, hardest * sizes, *(ends * sizes[:, None]).T)
+        ends_and_start = (part * reach.sizes for part in (reach.low, reach.high, reach.start))
+        return cls(fastest * reach.sizes, hardest * reach.sizes, *ends_and_start)
 
 
 def _require_positive(token: str, value: float) -> None:
@@ -88,14 +87,10 @@ def _require_positive(token: str, value: float) -> None:
 def _stated(
     table: Table, unit: str, ranges: Ranges | None
 ) -> Iterator[tuple[str, tuple[float, float]]]:
-    """Axes with their limits, where these include zero."""
+    """Axes of this unit with their limits."""
     names = [name for name in table.axis_names if table.unit(name) == unit]
-    for axis, (least, most) in (ranges or {}).items():
-        name = one_of(axis, names, f"environment, limits_{unit}", "axis")
-        if not least <= 0 <= most or least == most:
-            given = f"{least:g} to {most:g}"
-            raise _refused(f"limits_{unit} of {name}", given, "low <= 0 <= high")
-        yield name, (least, most)
+    for axis, ends in (ranges or {}).items():
+        yield one_of(axis, names, f"environment, limits_{unit}", "axis"), ends
 
 
 @dataclass
@@ -118,13 +113,16 @@ class AxisMotion:
 
     @classmethod
     def at_rest(cls, limits: AxisLimits, step_s: float, count: int) -> "AxisMotion":
-        """All axes at zero."""
+        """All axes where they start."""
         shape = (count, len(limits.low))
-        return cls(limits, step_s, np.zeros(shape), np.zeros(shape), np.zeros(shape))
+        return cls(
+            limits, step_s, np.tile(limits.start, (count, 1)), np.zeros(shape), np.zeros(shape)
+        )
 
     def restart(self, rows: Mask) -> None:
-        """Set these rigs to standstill at zero. rows: mask, (rigs,)."""
-        for part in (self.position, self.rate, self.acceleration):
+        """Set these rigs to standstill where they start. rows: mask, (rigs,)."""
+        self.position[rows] = self.limits.start
+        for part in (self.rate, self.acceleration):
             part[rows] = 0.0
 
     def move(self, rate: Array, rows: Mask) -> None:
@@ -275,9 +273,9 @@ class Rigs:
         noise: whether random effects and quantisation act.
         rate_deg_s, acceleration_deg_s2: largest of each axis that turns.
         rate_mm_s, acceleration_mm_s2: largest of each axis that slides.
-        limits_deg: lowest and highest angle by axis; others turn without end.
-        limits_mm: lowest and highest position of axes that slide; others have the range of
-            their joint.
+        limits_deg: lowest and highest angle by axis, in addition to the limits of the rig and the
+            ranges of a model's joints; axes without any turn without end.
+        limits_mm: the same of axes that slide.
         duration_s: of an episode.
 
     Raises:
@@ -303,13 +301,12 @@ class Rigs:
         _require_movable(known, duration_s)
         self.scenario, self.count, self.duration_s = known, count, duration_s
         self.step_s = 1 / max(sensor.rate_hz for sensor in known.sensor)
-        table, ranges = known.rig.kind, known.rig.ranges
-        joints = {name: ranges[name] for name in table.sliding & ranges.keys()}
-        limits = AxisLimits.stated(
-            table,
+        table, given = known.rig.kind, {"deg": limits_deg, "mm": limits_mm}
+        stated = dict(pair for unit in given for pair in _stated(table, unit, given[unit]))
+        limits = AxisLimits.of(
+            known.rig.narrowed(stated, {}).reach,
             {"deg": rate_deg_s, "mm": rate_mm_s},
             {"deg": acceleration_deg_s2, "mm": acceleration_mm_s2},
-            {"deg": limits_deg, "mm": {**joints, **(limits_mm or {})}},
         )
         self.slides = np.array([name in table.sliding for name in table.axis_names])
         self.motion = AxisMotion.at_rest(limits, self.step_s, count)
@@ -324,7 +321,7 @@ class Rigs:
         return np.asarray(self.steps * self.step_s)
 
     def restart(self, rows: Mask, seed: int | None = None) -> None:
-        """Set these rigs to standstill at zero, and switch them on.
+        """Set these rigs to standstill where they start, and switch them on.
 
         Args:
             rows: mask of the rigs, (count,).

@@ -6,12 +6,15 @@ import numpy as np
 from gymnasium import spaces
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import DEG
 from tiltcal.design.gym.calibrations import Bench, Task
 from tiltcal.setup.pose_schemes import table_angles
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import DUAL
 
 DEEPEST = -20.0  # log of posterior over prior that is shown at most
+EVERYWHERE = Task()
 DWELLS = (5.0, 10.0, 20.0)  # s, of the discrete variant
 
 
@@ -38,27 +41,50 @@ def observe(bench: Bench) -> "np.ndarray[tuple[int, int], np.dtype[np.float32]]"
 
 
 def action_space() -> spaces.Box:
-    """Outer and inner angle as shares of half a turn, and the dwell between the shortest (-1) and
-    the longest (1).
+    """Outer and inner angle, from the lowest (-1) to the highest (1) that is allowed, or as shares
+    of half a turn where there are no limits, and the dwell from the shortest (-1) to the longest
+    (1).
     """
     return spaces.Box(-1.0, 1.0, (3,), dtype=np.float32)
 
 
 def pose_of(action: Array, task: Task) -> tuple[Array, Array]:
-    """Angles, rad, (n, 2), and dwell, s, (n,), of continuous actions, (n, 3); angles wrap, dwells
-    are bounded.
+    """Angles, rad, (n, 2), and dwell, s, (n,), of continuous actions, (n, 3). Angles wrap where an
+    axis has no limits, and are bounded otherwise, as dwells are.
     """
     share = (np.clip(action[:, 2], -1.0, 1.0) + 1) / 2
-    return np.pi * np.asarray(action[:, :2], dtype=float), task.shortest_s + share * (
-        task.longest_s - task.shortest_s
-    )
+    middle, half = _spans(task)
+    angles = np.asarray(action[:, :2], dtype=float)
+    bounded = np.where(task.endless, angles, np.clip(angles, -1.0, 1.0))
+    return middle + half * bounded, task.shortest_s + share * (task.longest_s - task.shortest_s)
 
 
-def menu() -> Array:
-    """The discrete variant's poses as continuous angles, rad, (26, 2): faces, edges and corners."""
+def _spans(task: Task) -> tuple[Array, Array]:
+    """Middle and half width of what an action spans, rad, (2,) each."""
+    low = np.where(task.endless, -180.0, task.reach.low) * DEG
+    high = np.where(task.endless, 180.0, task.reach.high) * DEG
+    return (low + high) / 2, (high - low) / 2
+
+
+def menu(task: Task = EVERYWHERE) -> Array:
+    """The discrete variant's poses as continuous angles, rad, (n, 2): faces, edges and corners, 26
+    where the limits allow all.
+
+    Raises:
+        TiltcalError: the limits allow none.
+    """
     up = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
     up /= np.linalg.norm(up, axis=1)[:, None]
-    return np.array([table_angles(Rig(table=DUAL.name), u, 0, "environment") for u in up])
+    every = np.array([table_angles(Rig(table=DUAL.name), u, 0, "environment") for u in up])
+    found = every[[task.reach.holds(angles / DEG) for angles in every]]
+    if len(found) == 0:
+        raise TiltcalError(
+            "environment, limits_deg",
+            found="no face, edge or corner within the limits",
+            need="one",
+            do="widen them, or take the continuous environment",
+        )
+    return found
 
 
 def action_of(
@@ -71,6 +97,7 @@ def action_of(
         dwell: s, (n,).
         task: budget and limits.
     """
-    wrapped = (angles + np.pi) % (2 * np.pi) - np.pi
+    middle, half = _spans(task)
+    wrapped = np.where(task.endless, (angles + np.pi) % (2 * np.pi) - np.pi, angles)
     share = (dwell - task.shortest_s) / (task.longest_s - task.shortest_s)
-    return np.column_stack([wrapped / np.pi, 2 * share - 1]).astype(np.float32)
+    return np.column_stack([(wrapped - middle) / half, 2 * share - 1]).astype(np.float32)

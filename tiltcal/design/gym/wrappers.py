@@ -31,35 +31,3 @@ class StepAngles(gymnasium.ActionWrapper[Any, Any, Any]):
         found = np.array(action, dtype=np.float32)
         found[:2] = (np.round(found[:2] / self.share) * self.share + 1) % 2 - 1
         return found
-
-
-class WithinAngles(gymnasium.ActionWrapper[Any, Any, Any]):
-    """Angles between limits: the action's whole range is spread over what is allowed. ``outer``,
-    ``inner``: deg.
-
-    Raises:
-        TiltcalError: a range that is empty or beyond half a turn either way.
-    """
-
-    def __init__(
-        self,
-        env: gymnasium.Env[Any, Any],
-        outer: tuple[float, float] = (-180, 180),
-        inner: tuple[float, float] = (-180, 180),
-    ) -> None:
-        super().__init__(env)
-        for low, high in (outer, inner):
-            if not -180 <= low < high <= 180:
-                raise TiltcalError(
-                    "WithinAngles",
-                    found=f"{low:g} to {high:g} deg",
-                    need="-180 <= low < high <= 180",
-                    do="correct it",
-                )
-        self.low, self.high = np.array([outer, inner]).T / 180
-
-    def action(self, action: Any) -> Any:
-        """The action within the limits."""
-        found = np.array(action, dtype=np.float32)
-        found[:2] = self.low + (found[:2] + 1) / 2 * (self.high - self.low)
-        return found

@@ -35,6 +35,7 @@ from tiltcal.effects.base import Effect
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, fresh
 from tiltcal.recordings.recording import Recording
+from tiltcal.setup.reach import Ends
 from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.tables import angle_key, axis_of
@@ -90,22 +91,41 @@ def come_to(block: Block, scenario: Scenario, sides: Mapping[str, float]) -> Rec
     """
     if block.remounts or not sides:
         return blank(block, scenario)
-    first = {angle_key(axis): 0.0 for axis in sides}
+    rig = scenario.rig
+    stands = dict(zip(rig.axis_names, rig.reach.start.tolist(), strict=True))
+    first = {angle_key(axis): stands[axis] for axis in sides}
     for step in reversed(block.steps):
         stated = {angle_key(name): angle for name, angle in step.angles_deg.items()}
         first |= {key: angle for key, angle in stated.items() if key in first}
     away = Step(
         action="move",
-        **{angle_key(axis): first[angle_key(axis)] - side * COMING for axis, side in sides.items()},
+        **{
+            angle_key(axis): _from_side(first[angle_key(axis)], side, rig.reach.limits(axis))
+            for axis, side in sides.items()
+        },
     )
     steps = (away, Step(action="move", **first, dwell_s=1.0), *block.steps)
     recording = blank(replace(block, steps=steps), scenario)
     # how it got away is no part of the block
-    known = recording.time >= build_schedule((away,), scenario.rig).times[1]
+    moves = any(away.angles_deg[axis] != stands[axis] for axis in sides)
+    known = recording.time >= (build_schedule((away,), rig).times[1] if moves else -np.inf)
     columns = {n: recording.column(n)[known] for n in recording.column_names}
     return Recording.from_columns(
         recording.time[known], columns, metadata=recording.metadata, source=recording.source
     )
+
+
+def _from_side(angle: float, side: float, limits: Ends | None) -> float:
+    """Where an axis comes from, deg: from the other side where a limit is in the way.
+
+    Args:
+        angle: that it goes to, deg.
+        side: +1 or -1, the way that it moved last.
+        limits: lowest and highest angle, deg.
+    """
+    low, high = limits or (-np.inf, np.inf)
+    one, other = angle - side * COMING, angle + side * COMING
+    return one if low <= one <= high else float(np.clip(other, low, high))
 
 
 def blank(block: Block, scenario: Scenario) -> Recording:

@@ -18,7 +18,7 @@ from tiltcal.diagnosis.investigation.stored import read_diagnosis, read_investig
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
-from tiltcal.setup.schedule import build_schedule
+from tiltcal.setup.schedule import build_schedule, require_allowed
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.sequence_files import sequence_text
 
@@ -165,6 +165,7 @@ def _run(
         at.folder / f"sequence_{number}.csv",
         at.folder / f"recording_{number}.csv",
     )
+    require_allowed(steps, at.scenario.rig)
     write_text(sequence, sequence_text(steps, at.scenario.rig))
     progress(f"recording {said[0]}")
     made = at.laboratory.record(sequence, recording)

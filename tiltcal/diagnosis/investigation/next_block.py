@@ -16,6 +16,7 @@ from tiltcal.core.tasks.run_tasks import values_of
 from tiltcal.design.identifiability import tie_breaker
 from tiltcal.design.recording_blocks import (
     CIRCLE,
+    RATE,
     SLIDE_RATE,
     Block,
     TableLimits,
@@ -33,7 +34,7 @@ from tiltcal.diagnosis.investigation.discriminating_blocks import (
 )
 from tiltcal.diagnosis.investigation.rival_hypotheses import Question, questions
 from tiltcal.effects import CATALOGUE
-from tiltcal.laboratory.scenario import Scenario
+from tiltcal.laboratory.scenario import Scenario, narrowed
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import standstill_rows
 
@@ -101,12 +102,12 @@ class Limits:
     """What the user allows.
 
     Args:
-        minutes: of one block; rate: deg/s of moves; dwell: s; angles: (least, largest) of an axis,
+        minutes: of one block; rate: largest, deg/s; dwell: s; angles: (least, largest) of an axis,
             deg, or mm where it slides; slide_rate: mm/s of moves.
     """
 
     minutes: float = 3.0
-    rate: float = 30.0
+    rate: float = RATE
     dwell: float = 3.0
     angles: Mapping[str, tuple[float, float]] | None = None
     slide_rate: float = SLIDE_RATE
@@ -179,6 +180,7 @@ def next_block(
     Raises:
         TiltcalError: nothing in the diagnosis is ambiguous.
     """
+    scenario = narrowed(scenario, limits.angles or {})
     table = table_of(scenario, recordings, limits)
     verdict = diagnosis["verdict"]
     rivals = any(len({*f["class"]} - {UNLISTED}) > 1 for f in diagnosis["findings"])
@@ -205,7 +207,7 @@ def next_block(
             None,
             "No motion of the table separates the alternatives. What does: " + _by_hand(diagnosis),
         )
-    blocks = [b for b in _blocks_of(table, done) if within(b, table)]
+    blocks = _blocks_of(table, done)
     judge = judge_over(engine, told) if engine else None
     design = propose(asked, blocks, scenario, limits.minutes, progress, judge)
     return NextBlock(design.best, _statement(design), _twins(design), design.proposals)
@@ -219,36 +221,29 @@ def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits
     Raises:
         TiltcalError: a limit names an axis that the table does not have.
     """
-    given = dict(limits.angles or {})
+    rig = scenario.rig.narrowed(limits.angles or {}, {})
+    stated = dict(rig.limits)
     flat = any(s.kind == "inclinometer" for s in scenario.sensor)
     reach = {}
-    for name, turns_about in scenario.rig.axes:
-        size, slides = scenario.rig.kind.size(name), name in scenario.rig.kind.sliding
+    for name, turns_about in rig.axes:
+        size, slides = rig.kind.size(name), name in rig.kind.sliding
         read = [a for r in recordings if (a := r.table(name)) is not None]
         seen = [a[~np.isnan(a)] / size for a in read]
-        upright = turns_about == "z" and name == scenario.rig.axis_names[0]
-        span = scenario.rig.ranges.get(name, None if slides else CIRCLE)
-        if seen and (span is None or (flat and not upright and not slides)):
+        upright = turns_about == "z" and name == rig.axis_names[0]
+        allowed = rig.reach.limits(name)
+        span = allowed or (None if slides else CIRCLE)
+        tipped = flat and not upright and not slides and name not in stated
+        if seen and (span is None or tipped):
             lowest, highest = min(a.min() for a in seen), max(a.max() for a in seen)
-            span = float(np.floor(lowest)), float(np.ceil(highest))
+            low, high = allowed or (-np.inf, np.inf)
+            span = float(max(low, np.floor(lowest))), float(min(high, np.ceil(highest)))
         if slides and span is not None and span[0] == span[1]:
             span = None  # it never moved
-        if (span := given.get(name, span)) is not None:
+        if span is not None:
             reach[name] = span
-    for name in given:
-        if name not in reach:
-            have = ", ".join(reach) or "none"
-            raise TiltcalError(
-                "--angles",
-                found=f"axis {name}",
-                need=f"an axis of this table: {have}",
-                do="correct it",
-            )
     visited = poses_of(recordings[0], scenario) if recordings else ()
     mounts = () if flat else TableLimits.mounts
-    return TableLimits(
-        scenario.rig, reach, limits.rate, limits.dwell, visited, mounts, limits.slide_rate
-    )
+    return TableLimits(rig, reach, limits.rate, limits.dwell, visited, mounts, limits.slide_rate)
 
 
 def poses_of(recording: Recording, scenario: Scenario) -> tuple[tuple[float, ...], ...]:
@@ -271,8 +266,8 @@ def poses_of(recording: Recording, scenario: Scenario) -> tuple[tuple[float, ...
 
 
 def _blocks_of(table: TableLimits, done: Collection[str]) -> list[Block]:
-    """What a table can record but for what it has."""
-    return [b for b in candidates(table) if b.name not in done]
+    """What a table can record within its limits but for what it has."""
+    return [b for b in candidates(table) if b.name not in done and within(b, table)]
 
 
 def _more_poses(

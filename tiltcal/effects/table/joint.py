@@ -3,7 +3,6 @@
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.table.readout import ReadoutError
-from tiltcal.effects.traits import Family
 from tiltcal.setup.trajectory import Jet
 
 

@@ -189,7 +189,9 @@ def test_a_design_is_saved_and_simulated(bench, tmp_path):
     saved = tc.load_scenario(tmp_path / "design.toml")
     assert tc.parse_scenario(design.table()) == saved
     assert len(saved.sequence) == design.plan.forecast.poses
-    with pytest.raises(tc.TiltcalError, match="axis 'uter', need one of outer, inner"):
+    with pytest.raises(
+        tc.TiltcalError, match="axis uter, need an axis of this table: outer, inner"
+    ):
         bench.design(60.0, angles_deg={"uter": (-10, 10)})
 
 

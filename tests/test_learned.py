@@ -330,6 +330,17 @@ def test_a_learned_motion_is_the_same_in_algebra_and_in_mechanics(face):
     assert np.abs(algebra.up - plain.up).max() > 1e-4
 
 
+def test_curves_that_tilt_a_frame_about_one_axis_are_one_turn():
+    """A body of the simulator has six joints, and a diagnosis may find more curves."""
+    tilts = [
+        learned(on="tilt", slot="base", turn=turn, coordinate="table_outer", coefficients=[size])
+        for size, turn in zip(np.linspace(1e-4, 3e-4, 9), "xyzxyzyxz", strict=True)
+    ]
+    one, other = (mover(SETUP, lively(), tilts) for mover in (closed_form, mujoco_motion))
+    np.testing.assert_allclose(other.force, one.force, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(other.rate, one.rate, rtol=0, atol=1e-11)
+
+
 @pytest.mark.parametrize(
     ("power", "odd"),
     [(0.5, False), (0.5, True), (1.0, True), (2.0, False), (2.0, True), (3.0, True)],

@@ -7,7 +7,7 @@ The links of a user's own model become MJCF with the frames that effects turn, l
 ``models/``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 from xml.etree import ElementTree
@@ -20,11 +20,11 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import rotation, unit
-from tiltcal.effects.base import Effect, FrameEffect
+from tiltcal.effects.base import Effect
 from tiltcal.effects.loads import masses_of
 from tiltcal.effects.mechanisms import Cogging, Context, Gap, Mechanism, Ring, Spring, Turn, World
 from tiltcal.effects.streams import Streams, no_streams
-from tiltcal.forward.kinematics import link_offset, turns_at
+from tiltcal.forward.kinematics import frames_of, link_offset, turns_at
 from tiltcal.laboratory.scenario_tables import Dynamics
 from tiltcal.setup.chain import BASE, Chain, Link, LinkFrame
 from tiltcal.setup.setup import Setup
@@ -216,11 +216,12 @@ class RigBuilder:
         streams: Streams = no_streams,
     ) -> None:
         """Build the turns of frame effects into their slots."""
-        frames, rig = [e for e in effects if isinstance(e, FrameEffect)], self.setup.rig
+        frames, rig = frames_of(effects), self.setup.rig
         masses = masses_of(effects, rig)
         whole = Context.along(drive, angles, rig, self.world.gravity, masses)
         for slot in rig.kind.slots:
-            turns = [t for e in frames for t in turns_at(e, slot, replace(whole, rng=streams(e)))]
+            each = (t for e in frames for t in turns_at(e, slot, replace(whole, rng=streams(e))))
+            turns = _together(each)
             body: Any = self.spec.body(slot) if turns else None
             # behind a joint of the same body a constant turn is a hinge too
             while turns and turns[0].angle.constant and slot not in rig.axis_names:
@@ -457,6 +458,19 @@ def harden(joint: "mujoco.MjsJoint | mujoco.MjsTendon") -> None:
     0.09.
     """
     joint.solref_friction, joint.solimp_friction = [0.001, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0]
+
+
+def _together(turns: Iterable[Turn]) -> list[Turn]:
+    """Turns, moving ones in a row about one axis as one: a body has six joints."""
+    found: list[Turn] = []
+    for turn in turns:
+        last = found[-1] if found else None
+        moving = last and not last.angle.constant and not turn.angle.constant
+        if last and moving and last.axis == turn.axis:
+            found[-1] = Turn(turn.axis, last.angle + turn.angle)
+        else:
+            found.append(turn)
+    return found
 
 
 def _frame_along(z: Array) -> Array:

@@ -18,6 +18,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, LinkEffect, WorldEffect
+from tiltcal.effects.learned import LearnedTilt
 from tiltcal.effects.loads import masses_of
 from tiltcal.effects.mechanisms import Context, Ring, Turn, World
 from tiltcal.effects.streams import Streams, no_streams
@@ -109,7 +110,7 @@ def _carried(
 ) -> "_Link":
     """The link after the whole chain, base to mount."""
     angles = true_angles(setup, drive, effects, streams)
-    frames = [e for e in effects if isinstance(e, FrameEffect)]
+    frames = frames_of(effects)
     masses = masses_of(effects, setup.rig)
     whole = Context.along(drive, angles, setup.rig, link.gravity, masses)
 
@@ -141,6 +142,14 @@ def _carried(
     link.mount(drive)
     slot("mount")
     return link
+
+
+def frames_of(effects: Sequence[Effect]) -> list[FrameEffect]:
+    """Effects that turn a frame, in the order in which they do: laws as they are given, then curves
+    by the axis about which they turn, as those of one axis are one turn.
+    """
+    frames = [e for e in effects if isinstance(e, FrameEffect)]
+    return sorted(frames, key=lambda e: e.turn if isinstance(e, LearnedTilt) else "")
 
 
 def turns_at(effect: FrameEffect, slot: str, context: Context) -> Sequence[Turn]:

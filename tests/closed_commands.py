@@ -2,7 +2,7 @@
 
     python -m tests.closed_commands --count 20 --seed 1
 
-A random small scenario (any table, an arm, by hand; up to three causes of the catalogue, faults of
+A random small scenario (any table, an arm; up to three causes of the catalogue, faults of
 data among them) is recorded and diagnosed. No command may end in an internal error, the JSON is
 finite, and the amended scenario loads, is simulated, diagnosed again, corrects and is exported.
 """
@@ -123,7 +123,8 @@ def _conceal(scenario: dict[str, Any], rng: np.random.Generator) -> None:
         effect |= {"sensor": sensor["name"]} if sensor else {}
         effect |= words(cls, axes, float(10 ** rng.uniform(-1, 0.5)), int(rng.integers(3)))
         with contextlib.suppress(TiltcalError, ValueError):
-            parse_scenario({**scenario, "effect": [*scenario["effect"], effect]})
+            table = {**scenario, "effect": [*scenario["effect"], effect]}
+            parse_scenario(table, folder=ARM.parent)
             scenario["effect"].append(effect)
             return
 

@@ -175,7 +175,10 @@ def broken_rules(scenario: dict[str, Any], at: Path) -> list[Broken]:
     if asked("the amended scenario is simulated", "simulate", amended, "-o", again):
         asked("and diagnosed", "diagnose", again, "--scenario", amended, "-o", more, allowed=(0, 1))
     corrected = str(at / "corrected.csv")
-    asked("it corrects", "correct", str(log), "--cal", amended, "-o", corrected, allowed=(0, 2))
+    if asked("it corrects", "correct", amended, str(log), "-o", corrected):
+        # what no single reading and temperature determines has no firmware
+        header = str(at / "firmware.h")
+        asked("it is exported", "export", amended, "-o", header, allowed=(0, 2))
     if answer["verdict"] == "match":
         unnamed = [f for f in answer["findings"] if f["effect"] is None]
         found += [Broken("a match has no findings", f["statement"]) for f in unnamed]

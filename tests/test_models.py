@@ -21,7 +21,7 @@ from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.forward.signal_chain import readings
-from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.chain import BASE
 from tiltcal.setup.loads import moments
@@ -148,6 +148,19 @@ class _Course:
     def drive(self, time):
         assert np.array_equal(time, self._drive.time)
         return self._drive
+
+
+@pytest.mark.parametrize(("name", "taken"), [("model-00000000", True), ("dual", False)])
+def test_links_that_an_earlier_version_wrote_are_read(models, name, taken):
+    """Their table has a name made from them, and what they hold may grow."""
+    scenario = load_scenario(models["arm"][0].with_suffix(".toml"))
+    table = scenario.model_dump(exclude_defaults=True, by_alias=True)
+    table |= {"schema": 1, "rig": {**table["rig"], "table": name}}
+    if taken:
+        assert parse_scenario(table).rig.table == scenario.rig.table
+    else:
+        with pytest.raises(TiltcalError, match="table 'dual' with links; leave it out"):
+            parse_scenario(table)
 
 
 def test_effects_of_links_are_refused_on_a_table(tmp_path):

@@ -27,7 +27,16 @@ from tiltcal.setup.part import StrictTable
 from tiltcal.setup.reach import Ends, Reach
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.sources import SourceTable
-from tiltcal.setup.tables import BUILT_IN, Axis, Table, add_model, every_table, find_table, tables
+from tiltcal.setup.tables import (
+    BUILT_IN,
+    OWN_MODEL,
+    Axis,
+    Table,
+    add_model,
+    every_table,
+    find_table,
+    tables,
+)
 
 
 class Site(StrictTable):
@@ -146,14 +155,16 @@ class Rig(StrictTable):
     @model_validator(mode="before")
     @classmethod
     def _table_of_links(cls, text: Any) -> Any:
-        """The links of a user's own model are a table of their own."""
+        """The links of a user's own model are a table of their own, whose name is made from them:
+        a file that an earlier version wrote has another.
+        """
         if not isinstance(text, dict) or not text.get("link"):
             return text
         chain = Chain.model_validate({k: text[k] for k in ("link", "instrument") if k in text})
         if (problem := chain.problem()) is not None:
             raise ValueError(problem)
         name = add_model(chain).name
-        if text.get("table", name) != name:
+        if not str(text.get("table", name)).startswith(OWN_MODEL):
             raise ValueError(f"table '{text['table']}' with links; leave it out")
         return {**text, "table": name}
 

@@ -27,6 +27,7 @@ from tiltcal.setup.trajectory import Drive, Jet
 
 GROUP = "tiltcal.tables"
 CHANNEL = "table_"
+OWN_MODEL = "model-"  # begins the name of the table that a user's own model is
 Axis = tuple[str, str]
 """Name of a table axis, and the coordinate axis it turns about when all angles are zero."""
 
@@ -52,7 +53,7 @@ class Table:
     def of_model(cls, chain: Chain) -> "Table":
         """The table that a user's own model is; its name is a digest of its links."""
         digest = hashlib.sha256(chain.model_dump_json().encode()).hexdigest()[:8]
-        return cls(f"model-{digest}", tuple((a, "z") for a in chain.links), None, chain)
+        return cls(f"{OWN_MODEL}{digest}", tuple((a, "z") for a in chain.links), None, chain)
 
     @property
     def mjcf(self) -> Path:

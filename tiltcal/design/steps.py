@@ -153,8 +153,7 @@ def printable(plan: Plan, up: Array, efficiency: float | None = None) -> str:
     ]
     if efficiency is not None:
         lines.append(
-            f"efficiency at least {100 * efficiency:.1f} %: of the most information that any poses"
-            " give, read at these times for as long"
+            f"efficiency at least {100 * efficiency:.1f} % of any poses read at these times as long"
         )
     return "\n".join(lines) + "\n"
 

@@ -229,7 +229,7 @@ def test_the_file_of_a_calibration_is_what_json_prints(good, here, capsys):
 @pytest.mark.parametrize(
     ("count", "method", "verdict"),
     [
-        (3, "six_position", "cannot_tell"),
+        (5, "six_position", "suspect"),
         (2, "six_position", "cannot_tell"),
         (6, "norm", "cannot_tell"),
     ],

@@ -182,7 +182,8 @@ def known_attitude_tests(
         model, fit: of their means.
         recording: that the poses are of.
         turned: the poses under other references, and with errors of the table.
-        stated: whether the dwells are stated: a face without one was not to be recorded.
+        stated: whether the dwells are stated: a face that the recording never comes near was not
+            to be recorded.
     """
     unit = recording.sensor(poses.sensor).units[0]
     words = f"residuals of {fit.dof} redundant equations against the noise of the means"
@@ -198,7 +199,7 @@ def known_attitude_tests(
     if not tests[0].passed or not plausible:
         tried = causes(poses, model, fit, recording, turned, fits=tests[0].passed)
         tests.append(cause_test(tried, recording.source))
-    return [*tests, _faces_complete(poses, stated)] if triad else tests
+    return [*tests, _faces_complete(poses, recording if stated else None)] if triad else tests
 
 
 def _second_order(poses: Poses, model: Model, fit: Fit) -> list[Test]:
@@ -217,8 +218,14 @@ def _second_order(poses: Poses, model: Model, fit: Fit) -> list[Test]:
     return [chi2_test("second order", drop, gained, words)]
 
 
-def _faces_complete(poses: Poses, stated: bool) -> Test:
+def _faces_complete(poses: Poses, of_stated: Recording | None) -> Test:
+    """Whether every face was recorded. of_stated: the recording, where its dwells are stated."""
     missing = [face for face, e in FACES.items() if np.max(poses.up @ e) < 0.5]
+    left_out = []
+    if of_stated is not None:
+        felt = of_stated.sensor(poses.sensor).values
+        toward = felt / np.maximum(np.linalg.norm(felt, axis=1), np.finfo(float).tiny)[:, None]
+        left_out = [face for face in missing if np.nanmax(toward @ FACES[face]) >= 0.5]
     words = "every axis was recorded up and down"
     if missing:
         words = f"no pose within 60 deg of {', '.join(missing)} up"
@@ -229,11 +236,14 @@ def _faces_complete(poses: Poses, stated: bool) -> Test:
         for k, n in zip(first, np.bincount(group), strict=True)
         if n > 1
     ]
-    if missing and stated:
-        words += ", nor is there a stated dwell: the model is not tested there"
+    wrong = missing if of_stated is None else left_out
+    if left_out:
+        words += f"; the recording comes near {', '.join(left_out)}: a dwell left out?"
+    elif missing and not wrong:
+        words += ", nor any reading of the recording: the model is not tested there"
     elif missing and repeated:
         words += f", but {', '.join(repeated)}: recorded twice instead?"
-    return threshold_test("faces complete", len(missing), stated or not missing, words, dof=6)
+    return threshold_test("faces complete", len(missing), not wrong, words, dof=6)
 
 
 def _face(direction: Array) -> str:

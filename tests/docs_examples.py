@@ -35,6 +35,7 @@ LIMIT_S = 300
 SHELL_ONLY = set("$`;&<>()*?~:")  # what a shell makes something of; module:function
 WORKERS = {
     "campaign",
+    "investigate",
     "record",
     "serve",
     "sweep",

@@ -7,10 +7,11 @@
     calibration = bench.calibrate(recording, "six_position")
 
 The names in ``__all__`` are the stable interface; each is loaded when it is first asked for. The
-rooms below, each of which imports only from those after it: ``cli`` (the commands), ``api`` (what
-programs call), ``report``, ``diagnosis``, ``design`` and ``validation``, ``calibration`` and
-``laboratory``, ``recordings``, ``forward``, ``effects``, ``setup``, ``statistics``, ``core``. The
-simulator (package ``tiltsim``) imports tiltcal, never the other way round.
+rooms below, each of which imports only from those after it: ``cli`` (the commands), ``app`` (the
+bench in a browser), ``api`` (what programs call), ``report``, ``diagnosis``, ``design`` and
+``validation``, ``calibration`` and ``laboratory``, ``recordings``, ``forward``, ``effects``,
+``setup``, ``statistics``, ``core``. The simulator (package ``tiltsim``) imports tiltcal, never the
+other way round.
 """
 
 from importlib import import_module
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from tiltcal.api.comparing import combine, compare
     from tiltcal.api.designing import DesignedSequence
     from tiltcal.api.diagnosing import Diagnosis
+    from tiltcal.api.inspecting import MethodTrial, inspect, try_methods
     from tiltcal.api.instruments import load_instrument
     from tiltcal.api.reading import read
     from tiltcal.api.scenario import Scenario, correct, load_scenario, parse_scenario
@@ -42,6 +44,7 @@ __all__ = [
     "Diagnosis",
     "Estimate",
     "Instrument",
+    "MethodTrial",
     "Recording",
     "Scenario",
     "Segment",
@@ -51,11 +54,13 @@ __all__ = [
     "compare",
     "correct",
     "find_segments",
+    "inspect",
     "load_calibration",
     "load_instrument",
     "load_scenario",
     "parse_scenario",
     "read",
+    "try_methods",
     "wrap",
 ]
 _MODULES = {
@@ -63,6 +68,7 @@ _MODULES = {
     "api.comparing": ("combine", "compare"),
     "api.designing": ("DesignedSequence",),
     "api.diagnosing": ("Diagnosis",),
+    "api.inspecting": ("MethodTrial", "inspect", "try_methods"),
     "api.instruments": ("load_instrument",),
     "api.reading": ("read",),
     "api.scenario": ("Scenario", "correct", "load_scenario", "parse_scenario"),

@@ -13,6 +13,9 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.report import certificate
 from tiltcal.report.dcc import write_dcc
+from tiltcal.report.indication import indication_plots
+from tiltcal.report.plots import Plot
+from tiltcal.report.pose_residuals import residual_plot
 from tiltcal.report.stated import Stated
 from tiltcal.validation.uncertainty_budget import UncertaintyBudget
 
@@ -42,6 +45,13 @@ class Certificate(certificate.Certificate, Tabular):
     def headline(self) -> str:
         """Number and verdict."""
         return f"certificate {self.number}; {self.calibration.headline()}"
+
+    def plots(self) -> Sequence[Plot]:
+        """The residual of each dwell, and the error of indication over the working range before
+        and after; those that the result and its recording have.
+        """
+        residuals = residual_plot(self.poses or [])
+        return [*([residuals] if residuals else []), *indication_plots(self.indications)]
 
     def page(self) -> str:
         """The page as HTML text."""

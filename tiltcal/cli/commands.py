@@ -88,6 +88,12 @@ VALIDATION = {
     "prove": Command("prove:prove", "Run blind trials of `diagnose` and report its success rates."),
     "demo": Command("demo:demo", "Run a tour of the main functions."),
 }
+BROWSER = {
+    "app": Command(
+        "local_app:app",
+        "Open the bench in a browser: import, calibrate, certify, diagnose, plan.",
+    ),
+}
 SHELL = {
     "completion": Command(
         "completion:completion", "Print or install the completion script of a shell."
@@ -99,6 +105,7 @@ GROUPS = {
     "Diagnosis": DIAGNOSIS,
     "Design of measurements": DESIGN,
     "Validation": VALIDATION,
+    "Browser": BROWSER,
     "Shell": SHELL,
 }
 COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from tiltcal.core.units import ARCSEC, DEG, G0
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.static_poses import Poses, find_poses
+from tiltcal.report.plots import Plot, Trace, axes, colour, points
 from tiltcal.setup.setup import Setup
 from tiltcal.validation.accuracy import estimated_up, predicted_tilt
 
@@ -81,6 +83,35 @@ def pose_rows(
     except TiltcalError:
         return []
     return _rows(calibration, poses, setup)
+
+
+def residual_plot(rows: Sequence[PoseRow]) -> Plot | None:
+    """The residual of each dwell by channel, before and after calibration; None without any."""
+    channels = list(rows[0].residuals) if rows else []
+    if not channels:
+        return None
+    number = np.arange(1, len(rows) + 1)
+    text = [f"{r.label} {r.start_s:.2f} to {r.end_s:.2f} s".strip() for r in rows]
+    traces: list[Trace] = []
+    for k, name in enumerate(channels):
+        before = [r.uncorrected.get(name, np.nan) for r in rows]
+        hollow: dict[str, Any] = {
+            "visible": "legendonly",
+            "marker": {"symbol": "circle-open", "size": 6, "color": colour(k)},
+        }
+        hover = "dwell %{x}: %{y:.4g} µg"
+        traces.append(
+            points(number, [r.residuals[name] for r in rows], name, k, text=text, hover=hover)
+        )
+        traces.append(points(number, before, f"{name} before", k, text=text, hover=hover, **hollow))
+    return Plot(
+        traces,
+        f"Residual of each of the {len(rows)} dwells after calibration; before: choose it in the"
+        " legend.",
+        f"Residual of {len(rows)} dwells by channel after calibration",
+        axes("dwell", "residual, µg", showlegend=True),
+        height=280,
+    )
 
 
 def is_force(calibration: Calibration, setup: Setup) -> bool:

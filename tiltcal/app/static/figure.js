@@ -1,0 +1,52 @@
+// A plot of a report, drawn as the reports draw it; where it is ranged, the visible range is told.
+let loading;
+const script = (address) => new Promise((resolve, reject) => {
+  const part = document.createElement("script");
+  part.src = address;
+  part.onload = resolve;
+  part.onerror = () => reject(new Error(`${address} cannot be loaded`));
+  document.head.append(part);
+});
+const ready = () => { loading ||= Promise.all([script("/_tiltcal/plotly.js"), script("/_tiltcal/drawing.js")]); return loading; };
+export default {
+  template: `<figure class="figure"><div ref="plot" class="plot" role="img" :aria-label="plot.alternative" :style="{ height: plot.height + 'px' }"></div><figcaption>{{ plot.caption }}</figcaption></figure>`,
+  props: { plot: Object, ranged: Boolean },
+  async mounted() {
+    await ready();
+    if (!this.$refs.plot) return;
+    this.dark = matchMedia("(prefers-color-scheme: dark)");
+    this.redraw = () => this.draw();
+    this.dark.addEventListener("change", this.redraw);
+    this.draw();
+  },
+  unmounted() {
+    this.dark?.removeEventListener("change", this.redraw);
+    clearTimeout(this.timer);
+    if (this.$refs.plot) globalThis.Plotly?.purge(this.$refs.plot);
+  },
+  methods: {
+    draw() {
+      const part = this.$refs.plot;
+      const shown = JSON.parse(JSON.stringify(this.plot));
+      if (this.ranged) shown.layout.dragmode = "pan";
+      tiltcalDrawing.draw(part, shown, { scrollZoom: this.ranged });
+      part.removeAllListeners?.("plotly_relayout");
+      part.on("plotly_relayout", (change) => this.moved(change));
+      part.on("plotly_click", (event) => { const at = event.points?.[0]; if (at) this.$emit("point", { index: at.pointNumber, x: at.x }); });
+    },
+    moved(change) {
+      if (!this.ranged || this.quiet) return;
+      if (!Object.keys(change).some((key) => key.startsWith("xaxis"))) return;
+      clearTimeout(this.timer);
+      this.timer = setTimeout(() => this.$emit("range", change["xaxis.autorange"] ? null : [...this.$refs.plot.layout.xaxis.range]), 60);
+    },
+    show(data) {  // other points of the same series, for the range that is visible
+      const part = this.$refs.plot;
+      if (!part?.data) return;
+      this.quiet = true;
+      const rows = data.map((_, k) => k);
+      Plotly.restyle(part, { x: data.map((d) => d.x), y: data.map((d) => d.y) }, rows).then(() => { this.quiet = false; });
+    },
+  },
+  watch: { plot() { if (globalThis.tiltcalDrawing && this.$refs.plot) this.draw(); } },
+};

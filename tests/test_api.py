@@ -21,6 +21,7 @@ NAMES = {
     "Diagnosis",
     "Estimate",
     "Instrument",
+    "MethodTrial",
     "Recording",
     "Scenario",
     "Segment",
@@ -30,11 +31,14 @@ NAMES = {
     "compare",
     "correct",
     "find_segments",
+    "inspect",
     "load_calibration",
     "load_instrument",
     "load_scenario",
     "parse_scenario",
     "read",
+    "residual",
+    "try_methods",
     "wrap",
 }
 README = Path(__file__).parents[1] / "README.md"

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tiltcal.api.comparing import combine, compare
     from tiltcal.api.designing import DesignedSequence
     from tiltcal.api.diagnosing import Diagnosis
-    from tiltcal.api.inspecting import MethodTrial, inspect, try_methods
+    from tiltcal.api.inspecting import MethodTrial, inspect, residual, try_methods
     from tiltcal.api.instruments import load_instrument
     from tiltcal.api.reading import read
     from tiltcal.api.scenario import Scenario, correct, load_scenario, parse_scenario
@@ -60,6 +60,7 @@ __all__ = [
     "load_scenario",
     "parse_scenario",
     "read",
+    "residual",
     "try_methods",
     "wrap",
 ]
@@ -68,7 +69,7 @@ _MODULES = {
     "api.comparing": ("combine", "compare"),
     "api.designing": ("DesignedSequence",),
     "api.diagnosing": ("Diagnosis",),
-    "api.inspecting": ("MethodTrial", "inspect", "try_methods"),
+    "api.inspecting": ("MethodTrial", "inspect", "residual", "try_methods"),
     "api.instruments": ("load_instrument",),
     "api.reading": ("read",),
     "api.scenario": ("Scenario", "correct", "load_scenario", "parse_scenario"),

@@ -13,7 +13,7 @@ from tiltcal.core.progress import Progress, silent
 from tiltcal.data_quality.check import Finding
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.quality import inspect_recording
-from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording import Recording, is_reading
 from tiltcal.recordings.segmentation import Segment
 
 
@@ -26,6 +26,28 @@ def inspect(recording: Recording, scenario: Scenario | None = None) -> Sequence[
     """
     sensors = None if scenario is None else scenario.sensor
     return inspect_recording(recording, sensors).findings
+
+
+def residual(measured: Recording, predicted: Recording) -> Recording:
+    """What a recording reads beyond a prediction of it: the difference of the readings that both
+    have.
+
+    Args:
+        measured: the recording.
+        predicted: of the same rows, as ``Scenario.predict`` makes it.
+
+    Raises:
+        TiltcalError: the rows are others, or no reading is in both.
+    """
+    names = [n for n in measured.column_names if is_reading(n) and n in predicted.column_names]
+    if len(measured) != len(predicted) or not names:
+        raise TiltcalError(
+            f"residual of {measured.source}",
+            found=f"{len(predicted)} predicted rows with {len(names)} of its readings",
+            need=f"{len(measured)} rows and at least one reading",
+            do="predict it with `tiltcal simulate amended.toml --motion REC --noise off`",
+        )
+    return measured.rewritten({n: measured.column(n) - predicted.column(n) for n in names})
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,7 @@ class Figure(Element, component="static/figure.js"):
         plot: data and layout.
         ranged: called with the visible range, s, and None for all of it; returns the lines for it.
         picked: called with the index of a point that is clicked.
+        moved: called with the index of a band that was dragged, and its ends.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class Figure(Element, component="static/figure.js"):
         *,
         ranged: "Callable[[tuple[float, float] | None], Sequence[dict[str, Any]]] | None" = None,
         picked: Callable[[int], None] | None = None,
+        moved: Callable[[int, float, float], None] | None = None,
     ) -> None:
         super().__init__()
         shown = json.loads(plot.to_json())
@@ -78,6 +80,8 @@ class Figure(Element, component="static/figure.js"):
             self.on("range", lambda event: self._show(event.args, ranged))
         if picked is not None:
             self.on("point", lambda event: picked(int(event.args["index"])))
+        if moved is not None:
+            self.on("band", lambda event: moved(int(event.args[0]), *map(float, event.args[1:])))
 
     async def _show(self, given: Any, lines: Callable[..., Sequence[dict[str, Any]]]) -> None:
         """Send the points of the range that is visible now; an older answer is not sent."""

@@ -9,20 +9,18 @@ import webbrowser
 from collections.abc import Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
-from tempfile import gettempdir
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError
 
-os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(gettempdir()) / "tiltcal-app"))
-# nothing is kept there: without it, the working folder would be looked into
+os.environ["NICEGUI_STORAGE_PATH"] = os.devnull  # NiceGUI keeps nothing of its own
 
 import uvicorn
 from fastapi import FastAPI, Response
 from fastapi.responses import FileResponse, PlainTextResponse
 from nicegui import ui
 
-from tiltcal.app import calibrate_page, open_page
+from tiltcal.app import calibrate_page, diagnose_page, open_page, plan_page, recording_page
 from tiltcal.app.guard import Guard, Keys
 from tiltcal.app.session import Session
 from tiltcal.app.shell import frame
@@ -35,7 +33,10 @@ WARM = ("tiltcal.api.scenario", "tiltcal.report.certificate", "tiltcal.report.se
 """What the first page needs and takes a second to import; loaded beside the start."""
 CONTENT: dict[str, Callable[[Session], None]] = {
     "/": open_page.build,
+    "/recording": recording_page.build,
     "/calibrate": calibrate_page.build,
+    "/diagnose": diagnose_page.build,
+    "/plan": plan_page.build,
 }
 
 

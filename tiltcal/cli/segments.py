@@ -9,9 +9,8 @@ from cyclopts import Parameter
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_note, stdout_bytes
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import replacing
 from tiltcal.recordings.recording_files import read_recording
-from tiltcal.recordings.segment_files import write_segments
+from tiltcal.recordings.segment_files import save_segments, write_segments
 from tiltcal.recordings.segmentation import dwells, find_segments
 
 
@@ -39,11 +38,7 @@ def segments(
         )
     found = find_segments(read_recording(recording), window=window)
     if output:
-        with (
-            replacing(output) as temporary,
-            temporary.open("w", newline="", encoding="utf-8") as out,
-        ):
-            write_segments(found, out)
+        save_segments(found, output)
     if as_json:
         print_json([vars(s) for s in found])
     elif output:

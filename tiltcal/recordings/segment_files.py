@@ -8,7 +8,7 @@ from typing import TextIO
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import require_document
+from tiltcal.core.files import replacing, require_document
 from tiltcal.core.safe_text import cell_of, text_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, dwells, majority
@@ -18,6 +18,24 @@ def write_segments(found: list[Segment], out: TextIO) -> None:
     """Segments as CSV: start_s, end_s, kind, label."""
     rows = [[repr(s.start), repr(s.end), s.kind, cell_of(s.label or "")] for s in found]
     csv.writer(out, lineterminator="\n").writerows([["start_s", "end_s", "kind", "label"], *rows])
+
+
+def save_segments(found: list[Segment], path: Path, recording: Recording | None = None) -> None:
+    """Write segments to a CSV file, whole or not at all.
+
+    Args:
+        found: segments.
+        path: of the file.
+        recording: that they have to fit; None: they come from it.
+
+    Raises:
+        TiltcalError: the file cannot be written, or they do not fit: then it stays as it was.
+    """
+    with replacing(path) as temporary:
+        with temporary.open("w", newline="", encoding="utf-8") as out:
+            write_segments(found, out)
+        if recording is not None:
+            read_segments(temporary, recording)
 
 
 def read_segments(path: Path, recording: Recording) -> list[Segment]:

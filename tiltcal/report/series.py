@@ -87,6 +87,8 @@ def series_plot(
     findings: Sequence[Finding] = (),
     segments: Sequence[Segment] = (),
     within: tuple[float, float] | None = None,
+    *,
+    movable: bool = False,
 ) -> Plot:
     """All channels, a plot for each sensor above the other, over one time.
 
@@ -95,10 +97,11 @@ def series_plot(
         findings: of the checks of the data, marked where they are.
         segments: whose dwells are drawn as bands.
         within: visible range, s; None: all of it.
+        movable: whether the edges of the bands can be dragged; the page is told.
     """
     groups = groups_of(recording)
     traces = [*series_traces(recording, within), *_marks(recording, findings, groups)]
-    layout: dict[str, Any] = {"shapes": [*_bands(segments), *_times(recording, findings)]}
+    layout: dict[str, Any] = {"shapes": [*_bands(segments, movable), *_times(recording, findings)]}
     share = 1 / max(len(groups), 1)
     for k, title in enumerate(groups):
         top = 1 - k * share
@@ -160,7 +163,7 @@ def _times(recording: Recording, findings: Sequence[Finding]) -> list[dict[str, 
     ]
 
 
-def _bands(segments: Sequence[Segment]) -> list[dict[str, Any]]:
+def _bands(segments: Sequence[Segment], movable: bool) -> list[dict[str, Any]]:
     return [
         {
             "type": "rect",
@@ -173,7 +176,8 @@ def _bands(segments: Sequence[Segment]) -> list[dict[str, Any]]:
             "fillcolor": colour(2),
             "opacity": 0.13,
             "line": {"width": 0},
-            "layer": "below",
+            "layer": "above" if movable else "below",
+            "editable": movable,
         }
         for s in dwells(segments)[:MOST_BANDS]
     ]

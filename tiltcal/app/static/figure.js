@@ -35,6 +35,8 @@ export default {
       part.on("plotly_click", (event) => { const at = event.points?.[0]; if (at) this.$emit("point", { index: at.pointNumber, x: at.x }); });
     },
     moved(change) {
+      const band = Object.keys(change).map((key) => /^shapes\[(\d+)\]\.x[01]$/.exec(key)).find(Boolean);
+      if (band) { const s = this.$refs.plot.layout.shapes[band[1]]; this.$emit("band", [Number(band[1]), Math.min(s.x0, s.x1), Math.max(s.x0, s.x1)]); return; }
       if (!this.ranged || this.quiet) return;
       if (!Object.keys(change).some((key) => key.startsWith("xaxis"))) return;
       clearTimeout(this.timer);

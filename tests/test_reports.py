@@ -114,19 +114,6 @@ def write_block(path, scenario):
     write_separating_block(plan, path, scenario, scenario.name, poses, table)
 
 
-@pytest.fixture(scope="module")
-def browser():
-    """Debian's Chromium; nothing is downloaded."""
-    found = shutil.which("chromium") or shutil.which("chromium-browser")
-    if found is None:
-        pytest.skip("no Chromium on this machine: the reports are not looked at")
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with sync_api.sync_playwright() as play:
-        started = play.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        yield started
-        started.close()
-
-
 class Seen:
     """A page that was opened, and what it complained of or asked for."""
 

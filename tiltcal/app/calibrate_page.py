@@ -348,4 +348,4 @@ def _exports(session: Session) -> None:
                 ui.link(f"Download {output}", f"/files/{output}?download=true")
                 content = path.read_text(encoding="utf-8", errors="replace")[:MOST_TEXT]
                 with ui.element("pre").classes("code"):
-                    ui.label(content).classes("inline")
+                    ui.label(content).classes("in")

@@ -29,7 +29,7 @@ from tiltcal.app.session import FILES, Session
 from tiltcal.app.shell import RECORDING, SCENARIO, need, report_frame
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.read_back import read_json
-from tiltcal.core.units import signs_in, split_unit, unit_sign
+from tiltcal.core.units import PARAMETER_UNITS, signs_in, split_unit, unit_sign
 from tiltcal.report.diagnosis import MEANING
 from tiltcal.report.series import series_plot, series_traces
 
@@ -112,7 +112,7 @@ def _findings(found: dict[str, Any] | None) -> None:
         need("Nothing was diagnosed in this folder yet.")
         return
     with ui.element("p").classes("verdict"):
-        ui.label(str(found["verdict"]).replace("_", " ")).classes("inline")
+        ui.label(str(found["verdict"]).replace("_", " ")).classes("in")
     text(MEANING.get(found["verdict"], ""), "soft")
     text(signs_in(str(found["statement"])), "lead")
     for number, finding in enumerate(found["findings"], start=1):
@@ -133,14 +133,20 @@ def _card(number: int, f: Mapping[str, Any]) -> None:
             for name, value in (f["parameters"] or {}).items()
         ]
         if sizes:
-            rows = [[split_unit(n)[0], f"{v:.5g}", f"{s:.2g}", n] for n, v, s in sizes]
-            Table((("parameter", "short"), ("value", "n"), ("σ", "n"), ("key", "unit")), rows)
+            rows = [_size(*size) for size in sizes]
+            Table((("parameter", "short"), ("value", "n"), ("σ", "n"), ("", "unit")), rows)
         names = {k: p for k, p in (f.get("names") or {}).items() if p >= SHOWN_PROBABILITY}
         if len(names) > 1:
             rows = [[name, f"{p:.3f}"] for name, p in names.items()]
             Table((("may be", "short"), ("probability", "n")), rows)
         if f["next_measurement"]:
             text(f"Record next: {f['next_measurement']}", "strong")
+
+
+def _size(key: str, value: float, sigma: float) -> list[str]:
+    """A parameter of a finding as cells. value, sigma: in the unit of the key."""
+    name, unit = split_unit(key, PARAMETER_UNITS)
+    return [name, f"{value:.5g}", f"{sigma:.2g}", unit_sign(unit or "")]
 
 
 @dataclass(frozen=True)

@@ -122,6 +122,12 @@ class CommandLine(Element, component="static/command.js"):
         super().__init__()
         self._props["text"], self._props["lead"] = plain(text), lead
 
+    def show(self, text: str) -> None:
+        """Another command."""
+        if self._props["text"] != plain(text):
+            self._props["text"] = plain(text)
+            self.update()
+
 
 class Section(Generic[Loaded]):
     """A part of a page that is built again when something it shows has changed. What it shows is
@@ -179,14 +185,11 @@ def follow(session: Session, topics: Sequence[str], build: Callable[[], None]) -
     box = ui.element("div").classes("section")
 
     def again() -> None:
-        if not box.is_deleted:
-            box.clear()
-            with box:
-                build()
+        box.clear()
+        with box:
+            build()
 
-    end = session.listen(tuple(topics), again)
-    ui.context.client.on_delete(end)
-    again()
+    watch(session, topics, again, box)
 
 
 def problem(text: str) -> None:
@@ -202,7 +205,7 @@ def text(content: str, style: str = "") -> None:
 def heading(content: str, level: int = 2) -> None:
     """A heading."""
     with ui.element(f"h{level}"):
-        ui.label(content).classes("inline")
+        ui.label(content).classes("in")
 
 
 def _kept(session: Session, key: str, control: ValueElement[Any]) -> None:
@@ -243,7 +246,13 @@ def number(
 
 
 def choice(
-    session: Session, key: str, label: str, options: Sequence[str], *, several: bool = False
+    session: Session,
+    key: str,
+    label: str,
+    options: Sequence[str],
+    *,
+    several: bool = False,
+    clearable: bool = True,
 ) -> ui.select:
     """One of some texts, or several of them, that is kept; what is no option any more is left out
     of the control, not of the session.
@@ -254,8 +263,9 @@ def choice(
         if several
         else (session.text(key) if session.text(key) in known else None)
     )
-    made = ui.select(known, label=label, value=current, multiple=several, clearable=not several)
-    made.props("dense outlined options-dense" + (" use-chips" if several else ""))
+    made = ui.select(known, label=label, value=current, multiple=several)
+    chips = " use-chips" if several else " clearable" if clearable else ""
+    made.props(f"dense outlined options-dense{chips}")
     made.on_value_change(lambda event: session.set(key, event.value or ([] if several else "")))
 
     def follow_session() -> None:
@@ -300,26 +310,50 @@ def action(
         missing: what is missing, as text.
     """
 
-    async def run(given: list[str]) -> None:
-        job = await session.run(label, given)
-        if then is not None and not job.failed:
-            then(job)
-
-    def build() -> None:
+    async def run() -> None:
         given = words()
-        busy = given is not None and any(j.words == tuple(given) for j in session.jobs.running)
-        with ui.element("div").classes("action"):
-            button = ui.button(label, color=None).props("no-caps unelevated dense")
-            button.classes("primary")
-            if given is None or busy:
-                button.disable()
-            if given is None:
-                text(missing, "soft")
-                return
-            button.on_click(lambda: background_tasks.create(run(given), name=label))
-            CommandLine(as_command(given))
-        mine = [j for j in session.jobs.all if j.words[:1] == tuple(given[:1])]
-        if mine and mine[0].words == tuple(given) and mine[0].failed and not mine[0].cancelled:
-            problem("\n".join(list(mine[0].lines)[-3:]))
+        if given is not None and not _busy(session, given):
+            job = await session.run(label, given)
+            if then is not None and not job.failed:
+                then(job)
 
-    follow(session, (*topics, JOBS), build)
+    with ui.element("div").classes("action"):
+        button = ui.button(label, color=None).props("no-caps unelevated dense").classes("primary")
+        button.on_click(lambda: background_tasks.create(run(), name=label))
+        hint = ui.label(missing).classes("soft")
+        command = CommandLine("")
+    wrong = ui.label("").classes("problem").props('role="alert"')
+
+    def update() -> None:
+        """In place: what is clicked stays where it is."""
+        given = words()
+        button.set_enabled(given is not None and not _busy(session, given))
+        hint.set_visibility(given is None)
+        command.set_visibility(given is not None)
+        command.show(as_command(given or ()))
+        mine = [j for j in session.jobs.all if given is not None and j.words == tuple(given)]
+        failed = bool(mine) and mine[0].failed and not mine[0].cancelled
+        wrong.set_text("\n".join(list(mine[0].lines)[-3:]) if failed else "")
+        wrong.set_visibility(failed)
+
+    watch(session, (*topics, JOBS), update, button)
+
+
+def _busy(session: Session, words: Sequence[str]) -> bool:
+    return any(job.words == tuple(words) for job in session.jobs.running)
+
+
+def watch(
+    session: Session, topics: Sequence[str], update: Callable[[], None], element: Element
+) -> None:
+    """Update something now and at each change, as long as an element is there."""
+
+    def again() -> None:
+        if not element.is_deleted:
+            update()
+        else:
+            end()
+
+    end = session.listen(tuple(topics), again)
+    ui.context.client.on_delete(end)
+    update()

@@ -4,7 +4,7 @@ the channels with what the checks found, and the scenario.
 
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -160,10 +160,7 @@ def _import(session: Session) -> None:
         action(session, "Propose", topics, lambda: commands.propose(log, mapping))
         return
     Section(
-        session,
-        ("open.saved",),
-        lambda: read_mapping(session, mapping),
-        lambda found: _proposal(session, found),
+        session, (), lambda: read_mapping(session, mapping), lambda found: _proposal(session, found)
     )
     with ui.element("div").classes("fields"):
         output = f"open.output.{log}"
@@ -208,49 +205,75 @@ def read_mapping(session: Session, name: str) -> Proposed:
     return Proposed(name, content, statements_of(content))
 
 
-def save_mapping(session: Session, found: Proposed, changes: Sequence[tuple[int, Any]]) -> None:
-    """Write a mapping with other values on some of its lines."""
-    path = session.workspace.path(found.name)
-    write_text(path, with_values(found.content, changes))
-    session.set("open.saved", path.stat().st_mtime)
+def save_mapping(session: Session, name: str, changes: Mapping[int, Any]) -> None:
+    """Write a mapping with other values on some of its lines, as it is now; by index of the
+    line.
+    """
+    now = read_mapping(session, name)
+    values = {s.line: s.value for s in now.statements}
+    changed = [(line, value) for line, value in changes.items() if values[line] != value]
+    if changed:
+        path = session.workspace.path(name)
+        write_text(path, with_values(now.content, changed))
+        session.set("open.saved", path.stat().st_mtime_ns)
 
 
 def _proposal(session: Session, found: Proposed) -> None:
-    missing = [s for s in found.statements if s.open]
-    if missing:
-        count = f"{len(missing)} values" if len(missing) > 1 else "1 value"
-        text(f"{count} the file does not tell: fill in what is marked.", "strong")
-    _units(session, found)
+    """The lines; what changes in one of them changes in place, in every tab."""
+    open_box = ui.element("div")
+    cells: dict[int, ui.input] = {}
     with ui.element("div").classes("wide"), ui.element("table").classes("grid"):
         with ui.element("thead"), ui.element("tr"):
             for label in ("part", "key", "value", "reason"):
                 with ui.element("th").props('scope="col"'):
-                    ui.label(label).classes("inline")
+                    ui.label(label).classes("in")
         with ui.element("tbody"):
             for statement in found.statements:
-                _statement(session, found, statement)
+                cells[statement.line] = _statement(session, found.name, statement)
     for kind, said in notes_of(found.content):
         text(f"{kind}: {said}", "soft")
 
+    def update(now: Proposed) -> None:
+        for s in now.statements:
+            cell = cells.get(s.line)
+            if cell is not None:
+                cell.classes(add="open" if s.open else "", remove="" if s.open else "open")
+                if value_of(str(cell.value)) != s.value:
+                    cell.set_value(shown_value(s.value))
+        _open_values(session, now)
 
-def _statement(session: Session, found: Proposed, s: Statement) -> None:
-    def changed(event: Any) -> None:
-        value = value_of(str(event.value or ""))
-        if value != s.value:
-            save_mapping(session, found, [(s.line, value)])
+    with open_box:
+        Section(session, ("open.saved",), lambda: read_mapping(session, found.name), update)
 
+
+def _open_values(session: Session, now: Proposed) -> None:
+    missing = [s for s in now.statements if s.open]
+    if missing:
+        count = f"{len(missing)} values" if len(missing) > 1 else "1 value"
+        text(f"{count} the file does not tell: fill in what is marked.", "strong")
+    _units(session, now.name, missing)
+
+
+def shown_value(value: Any) -> str:
+    """A value as the cell shows it."""
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _statement(session: Session, name: str, s: Statement) -> ui.input:
     with ui.element("tr"):
         for content in (s.part, s.key):
             with ui.element("td").classes("short"):
-                ui.label(content).classes("inline")
+                ui.label(content).classes("in")
         with ui.element("td"):
-            shown = s.value if isinstance(s.value, str) else json.dumps(s.value)
-            control = ui.input(value=shown).props("dense borderless debounce=600")
+            control = ui.input(value=shown_value(s.value)).props("dense borderless debounce=400")
             control.props["aria-label"] = f"{s.part} {s.key}"
-            control.classes("cell" + (" open" if s.open else ""))
-            control.on_value_change(changed)
+            control.classes("cell")
+            control.on_value_change(
+                lambda event: save_mapping(session, name, {s.line: value_of(str(event.value))})
+            )
         with ui.element("td").classes("long"):
-            ui.label(s.reason).classes("inline soft")
+            ui.label(s.reason).classes("in soft")
+    return control
 
 
 def value_of(typed: str) -> Any:
@@ -261,19 +284,17 @@ def value_of(typed: str) -> Any:
         return typed
 
 
-def _units(session: Session, found: Proposed) -> None:
+def _units(session: Session, name: str, missing: Sequence[Statement]) -> None:
     """One choice of the unit for all axes of a sensor."""
-    open_names = [s for s in found.statements if s.key == "to" and s.open]
-    sensors = dict.fromkeys(str(s.value).partition("_")[0] for s in open_names)
-    if not sensors:
-        return
+    names = [s for s in missing if s.key == "to"]
+    sensors = dict.fromkeys(str(s.value).partition("_")[0] for s in names)
     with ui.element("div").classes("fields"):
         for sensor in sensors:
-            mine = [s for s in open_names if str(s.value).partition("_")[0] == sensor]
+            mine = [s for s in names if str(s.value).partition("_")[0] == sensor]
 
             def chosen(event: Any, mine: list[Statement] = mine) -> None:
-                changes = [(s.line, f"{str(s.value)[:-1]}{event.value}") for s in mine]
-                save_mapping(session, found, changes)
+                unit = str(event.value)
+                save_mapping(session, name, {s.line: f"{str(s.value)[:-1]}{unit}" for s in mine})
 
             made = ui.select(list(COLUMN_UNITS), label=f"Unit of {sensor}", on_change=chosen)
             made.props("dense outlined options-dense").classes("field short")

@@ -33,7 +33,7 @@ NUMBERS: Mapping[str, tuple[str, float, float, float]] = {
     "settle_s": ("Settling time, s", 5.0, 0.0, 1e4),
     "shortest_s": ("Shortest reading, s", 5.0, 0.0, 1e5),
     "longest_s": ("Longest reading, s", 60.0, 0.0, 1e5),
-    "range_deg": ("Working range about level, °", 180.0, 0.01, 180.0),
+    "range_deg": ("Working range, ±°", 180.0, 0.01, 180.0),
 }
 """Label, default and limits of each, as `tiltcal design` has them."""
 GRADES = ("precision", "mid_mems", "consumer")
@@ -50,8 +50,8 @@ def build(session: Session) -> None:
     session.values.setdefault(GRADE, "mid_mems")
     session.values.setdefault(CRITERION, "both")
     with ui.element("div").classes("fields"):
-        choice(session, GRADE, "Grade of the instrument", GRADES)
-        choice(session, CRITERION, "Criterion", CRITERIA)
+        choice(session, GRADE, "Grade of the instrument", GRADES, clearable=False)
+        choice(session, CRITERION, "Criterion", CRITERIA, clearable=False)
         entry(session, ANGLES, "Limits of axes", hint="outer=-45:45 inner=0:90")
         entry(session, FOLDER, "Folder of the plan", "plan")
     keys = (*(f"plan.{n}" for n in NUMBERS), GRADE, CRITERION, ANGLES, FOLDER, SCENARIO, FILES)
@@ -111,7 +111,7 @@ def _plan(session: Session, found: dict[str, Any] | None) -> None:
         Table(
             (("parameter", "short"), ("known before", "n"), ("σ after", "n"), ("", "unit")),
             [
-                [p["name"], f"{p['prior']:.4g}", f"{p['sigma']:.3g}", unit_sign(p["unit"])]
+                [p["name"], f"{p['prior']:.6g}", f"{p['sigma']:.3g}", unit_sign(p["unit"])]
                 for p in parameters
                 if p["interest"]
             ],

@@ -12,7 +12,6 @@ from nicegui import ui
 import tiltcal as tc
 from tiltcal.app import commands
 from tiltcal.app.elements import (
-    CommandLine,
     Figure,
     Section,
     Table,
@@ -126,7 +125,8 @@ def _dwells(session: Session, found: Loaded | None) -> None:
         pick=lambda index: session.set(PICKED, index),
         picked=picked,
     )
-    CommandLine(f"tiltcal segments {session.text(RECORDING)} -o SEG.csv, then edit the file")
+    name = session.text(SEGMENTS)
+    text(f"This list is the file {name}; `tiltcal calibrate --segments {name}` reads it.", "soft")
 
 
 def _editor(session: Session, found: Loaded, dwell: tc.Segment) -> None:
@@ -148,7 +148,7 @@ def _editor(session: Session, found: Loaded, dwell: tc.Segment) -> None:
 
     with ui.element("div").classes("action"):
         _button("Save", lambda: _replaced(session, found, dwell, changed()))
-        _button("Exclude", lambda: _replaced(session, found, dwell, [replace(dwell, kind="move")]))
+        _button("Exclude", lambda: _excluded(session, found, dwell))
         _button("Split", lambda: _replaced(session, found, dwell, split()))
         _button("Show in the plot", lambda: session.set(AT, [dwell.start, dwell.end]))
 
@@ -176,6 +176,11 @@ def _replaced(session: Session, found: Loaded, dwell: tc.Segment, by: Sequence[t
         ui.notify(str(error), type="negative", multi_line=True)
         return
     session.listed()
+
+
+def _excluded(session: Session, found: Loaded, dwell: tc.Segment) -> None:
+    session.values[PICKED] = -1
+    _replaced(session, found, dwell, [replace(dwell, kind="move")])
 
 
 def _moved(session: Session, found: Loaded, index: int, start: float, end: float) -> None:

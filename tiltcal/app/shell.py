@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from nicegui import background_tasks, ui
 
-from tiltcal.app.elements import CommandLine, Table, choice, follow, text
+from tiltcal.app.elements import CommandLine, Table, choice, follow, problem, text, watch
 from tiltcal.app.jobs import Job
 from tiltcal.app.session import FILES, JOBS, Session
 from tiltcal.report.page import TEMPLATES
@@ -47,7 +47,7 @@ def frame(session: Session, path: str, build: Callable[[], None]) -> None:
     ui.page_title(f"{PAGES[path]} · tiltcal")
     ui.add_css(style())
     with ui.element("a").classes("skip").props('href="#main"'):
-        ui.label("Skip to the content").classes("inline")
+        ui.label("Skip to the content").classes("in")
     with ui.element("header"):
         ui.label("tiltcal").classes("brand")
         with ui.element("nav").props('aria-label="Pages"'):
@@ -56,11 +56,11 @@ def frame(session: Session, path: str, build: Callable[[], None]) -> None:
                 if target == path:
                     link.props('aria-current="page"')
         ui.label(str(session.workspace.folder)).classes("where soft")
-    with ui.element("main").props('id="main"'):
+    with ui.element("div").classes("page").props('id="main"'):
         with ui.element("h1"):
-            ui.label(PAGES[path]).classes("inline")
+            ui.label(PAGES[path]).classes("in")
         follow(session, (FILES,), lambda: _chosen(session))
-        follow(session, (JOBS,), lambda: _jobs(session))
+        _jobs(session)
         build()
     ui.timer(SECONDS_S, lambda: _count(session))
 
@@ -81,18 +81,43 @@ def _chosen(session: Session) -> None:
 
 
 def _jobs(session: Session) -> None:
-    for job in session.jobs.running:
-        with ui.element("div").classes("job").props('role="status"'):
-            ui.label(f"{job.title}, {job.seconds:.0f} s").classes("strong")
-            ui.label(job.last).classes("grow")
-            ui.button(
-                "Cancel", color=None, on_click=lambda _, job=job: _cancel(session, job)
-            ).props("no-caps dense flat")
+    """The commands that run, each with its latest line, and those that have ended."""
+    box = ui.element("div")
+    shown: dict[int, tuple[ui.label, ui.label]] = {}
+    known: list[tuple[int, int | None]] = [(0, 0)]
+
+    def update() -> None:
+        """In place, unless a command has come or ended: what is clicked stays where it is."""
+        now = [(id(job), job.status) for job in session.jobs.all]
+        if now != known:
+            known[:] = now
+            shown.clear()
+            box.clear()
+            with box:
+                shown.update({id(job): _running(session, job) for job in session.jobs.running})
+                _ended(session)
+        for job in session.jobs.running:
+            title, line = shown[id(job)]
+            title.set_text(f"{job.title}, {job.seconds:.0f} s")
+            line.set_text(job.last)
+
+    watch(session, (JOBS,), update, box)
+
+
+def _running(session: Session, job: Job) -> tuple[ui.label, ui.label]:
+    with ui.element("div").classes("job").props('role="status"'):
+        title, line = ui.label().classes("strong"), ui.label().classes("grow")
+        button = ui.button("Cancel", color=None).props("no-caps dense flat").classes("plain")
+        button.on_click(lambda: _cancel(session, job))
+    return title, line
+
+
+def _ended(session: Session) -> None:
     done = [j for j in session.jobs.all if not j.running][:SHOWN_JOBS]
     if not done:
         return
     if done[0].failed and not done[0].cancelled and not session.jobs.running:
-        ui.label("\n".join(list(done[0].lines)[-2:])).classes("problem").props('role="alert"')
+        problem("\n".join(list(done[0].lines)[-2:]))
     with ui.expansion(f"Commands so far: {len(done)}").props("dense").classes("log"):
         rows = [[state(j), j.title, f"{j.seconds:.1f}", j.last if j.lines else ""] for j in done]
         Table([("", "mark"), ("what", ""), ("s", "n"), ("said", "long")], rows)

@@ -130,7 +130,7 @@ def file_name(text: str) -> str:
     """
     if "/" in text or "\\" in text or text in ("", ".", ".."):
         raise _no_name(text, "a path")
-    if COMMANDING.search(text):
+    if COMMANDING.search(text) or not text.isprintable():
         raise _no_name(text, "control characters in it")
     if text.startswith("."):
         raise _no_name(text, "a hidden name")

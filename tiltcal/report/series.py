@@ -18,7 +18,7 @@ BUCKETS = 1000  # of the visible range, two points each: a plot is some 1000 px 
 BESIDE = 0.5  # of the visible range drawn on both sides of it, so that panning shows something
 ROW_PX = 150  # height of the plot of one sensor
 MARGIN_PX = 80
-GAP = 0.04  # of the height between two sensors
+LEGEND_PX = 26  # above the plot of each sensor
 MOST_MARKS = 200  # faults that are marked one by one
 MOST_BANDS = 400  # dwells that are drawn as bands
 
@@ -67,7 +67,7 @@ def series_traces(
     for k, names in enumerate(groups_of(recording).values()):
         for index, name in enumerate(names):
             t, v = envelope(recording.time[rows], recording.column(name)[rows], buckets)
-            axis = {} if k == 0 else {"yaxis": f"y{k + 1}"}
+            axis = _place(k)
             traces.append(line(t, v, name, index, hover="%{y:.6g} at %{x:.4f} s", **axis))
     return traces
 
@@ -104,11 +104,12 @@ def series_plot(
     layout: dict[str, Any] = {"shapes": [*_bands(segments, movable), *_times(recording, findings)]}
     share = 1 / max(len(groups), 1)
     for k, title in enumerate(groups):
-        top = 1 - k * share
-        layout[f"yaxis{k + 1 if k else ''}"] = {
-            "title": {"text": title},
-            "domain": [max(top - share + GAP, 0.0), top],
-        }
+        bottom = 1 - (k + 1) * share
+        top = bottom + share * (1 - LEGEND_PX / ROW_PX)
+        number = str(k + 1) if k else ""
+        layout[f"yaxis{number}"] = {"title": {"text": title}, "domain": [max(bottom, 0.0), top]}
+        layout[f"legend{number}"] = {"orientation": "h", "x": 0, "y": top, "yanchor": "bottom"}
+    layout["showlegend"] = True
     last = f"y{len(groups)}" if len(groups) > 1 else "y"
     layout["xaxis"] = {"title": {"text": "time, s"}, "anchor": last}
     if within is not None:
@@ -126,6 +127,11 @@ def series_plot(
     )
 
 
+def _place(k: int) -> dict[str, str]:
+    """Axis and legend of the k-th sensor."""
+    return {"yaxis": f"y{k + 1}", "legend": f"legend{k + 1}"} if k else {}
+
+
 def _marks(
     recording: Recording, findings: Sequence[Finding], groups: Mapping[str, list[str]]
 ) -> list[Trace]:
@@ -138,10 +144,9 @@ def _marks(
             rows = np.asarray(finding.rows, dtype=int)[:MOST_MARKS]
             values = recording.column(name)[rows]
             k = axis[name]
-            place = {} if k == 0 else {"yaxis": f"y{k + 1}"}
             label = f"{finding.kind}: {name}"
             mark = {"size": 9, "symbol": "x", "color": "var(--bad)"}
-            traces.append(points(recording.time[rows], values, label, k, marker=mark, **place))
+            traces.append(points(recording.time[rows], values, label, k, marker=mark, **_place(k)))
     return traces
 
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from tiltcal.core.arrays import Array
+
 Manner = Literal["hand", "head", "table"]
 """How poses are set: by hand, on a dividing head whose angles are typed in, or on a table whose
 readout is in the stream.
@@ -12,6 +14,12 @@ Action = Literal["wait", "turn", "hold", "type", "done"]
 """What the operator does now: nothing is read yet, turn to the next pose, hold still, type the
 angles of this dwell, or nothing more.
 """
+
+
+def triple(vector: Array) -> tuple[float, float, float]:
+    """A vector as plain numbers. vector: (3,)."""
+    x, y, z = (float(v) for v in vector)
+    return x, y, z
 
 
 @dataclass(frozen=True)

@@ -215,6 +215,11 @@ class Guide:
         return self._manner
 
     @property
+    def axes(self) -> tuple[str, ...]:
+        """Axes of the head whose angles are proposed and typed, outermost first."""
+        return tuple(self._next[0].angles_deg)
+
+    @property
     def reached(self) -> bool:
         """Whether every sigma has reached its goal, with enough dwells to test the fit by."""
         enough = len(self._used) >= self._progress.planner.least

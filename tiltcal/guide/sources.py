@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from tiltcal.core.addresses import address
 from tiltcal.core.errors import TiltcalError
 from tiltcal.guide.guide import Guide
 from tiltcal.guide.lines import NOTHING, LineReader, Samples
@@ -335,7 +336,7 @@ def open_source(text: str, options: SourceOptions | None = None) -> Source:
         rest = rest.removeprefix("//")
         if scheme.lower() == "serial":
             return _lines(Serial(rest, options.baud), options)
-        host, port = _address(rest, text)
+        host, port = address(rest.rstrip("/"))
         if scheme.lower() == "serve":
             return ServedTable(host, port)
         return _lines(Tcp(host, port) if scheme.lower() == "tcp" else Udp(host, port), options)
@@ -360,15 +361,3 @@ def _is_device(path: Path) -> bool:
     """Whether a path is a serial port."""
     windows = path.name.upper().startswith("COM") and path.name[3:].isdigit()
     return windows or path.is_char_device()
-
-
-def _address(rest: str, text: str) -> tuple[str, int]:
-    host, _, port = rest.rstrip("/").rpartition(":")
-    if not (host and port.isdecimal() and len(port) <= 5 and 0 < int(port) < 65536):
-        raise TiltcalError(
-            f"source {text}",
-            found=f"'{rest}'",
-            need="HOST:PORT, such as 127.0.0.1:5025",
-            do="correct it",
-        )
-    return host, int(port)

@@ -25,7 +25,7 @@ def scenario(table: str = "handheld", rate_hz: float = 100.0, **sensor: object) 
         "site": {"gravity_m_s2": G},
         "rig": {"table": table},
         "sensor": [accel | sensor],
-        "effect": [{"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 100.0}],
+        "effect": [{"id": "acc_noise", "white_ug_rthz": 100.0}],
     }
 
 

@@ -25,18 +25,18 @@ def goals_of(
         TiltcalError: a name is no parameter, or a value is no positive number with a unit that
             fits.
     """
+    named = {key: [name for name in units if key in _keys(name)] for key in asked}
+    for key in (key for key, names in named.items() if not names):
+        known = sorted({k for name in units for k in _keys(name)})
+        raise TiltcalError(
+            f"{subject} {key}",
+            found="no such parameter",
+            need=f"a kind such as {', '.join(sorted({_kind(n) for n in units}))}",
+            do=nearest(key, known),
+        )
     found: dict[str, float] = {}
-    for key, value in sorted(asked.items(), key=lambda item: len(item[0])):  # a name beats its kind
-        names = [name for name in units if key in _keys(name)]
-        if not names:
-            known = sorted({k for name in units for k in _keys(name)})
-            raise TiltcalError(
-                f"{subject} {key}",
-                found="no such parameter",
-                need=f"a kind such as {', '.join(sorted({_kind(n) for n in units}))}",
-                do=nearest(key, known),
-            )
-        found |= {name: _in_unit(value, units[name], f"{subject} {key}") for name in names}
+    for key in sorted(named, key=lambda key: -len(named[key])):  # one parameter beats its kind
+        found |= {n: _in_unit(asked[key], units[n], f"{subject} {key}") for n in named[key]}
     return found
 
 

@@ -15,7 +15,7 @@ from tiltcal.core.files import make_folder
 from tiltcal.core.frames import angle_between
 from tiltcal.core.units import DEG, split_unit
 from tiltcal.guide.goals import goals_of
-from tiltcal.guide.live_checks import Found, findings
+from tiltcal.guide.live_checks import Found, inspected
 from tiltcal.guide.planner import Candidate, Planner, by_hand, on_table
 from tiltcal.guide.progress import Progress, progress_of
 from tiltcal.guide.reading import Reading, read_between
@@ -254,7 +254,7 @@ class Guide:
             for axis, angle in dwell.angles.items():
                 more[f"{angle_channel(axis)}_deg"][rows] = angle
             for name in self._columns if dwell.reason else ():
-                more[name][rows] = np.nan
+                more[name][dwell.surroundings(stream)] = np.nan
         return stream.recording(more=more, labels=labels)
 
     @property
@@ -301,6 +301,8 @@ class Guide:
         Raises:
             TiltcalError: a file cannot be written.
         """
+        if self._dwells:
+            self._fit()  # what was fed after the last fit enters the files
         return save_all(self, make_folder(Path(folder)), stated)
 
     # inside
@@ -330,7 +332,7 @@ class Guide:
     def _planner(self) -> Planner:
         task = self._task
         hand = self.manner == "hand"
-        poses = by_hand(not task.by_norm) if hand else on_table(task.seen)
+        poses = by_hand(not task.by_norm) if hand else on_table(task.seen, task.sensor)
         return Planner(task.fitted.model, poses, self._hold)
 
     def _all_goals(self) -> dict[str, float]:
@@ -355,11 +357,13 @@ class Guide:
         self._looked = now
         g = task.scenario.site.gravity
         self._reading = read_between(stream, task.sensor, g, now - READ_S, now)
-        self._look = look(stream, self._columns)
+        over = [d for d in self._dwells if d.reason and not d.going_on]
+        self._look = look(stream, self._columns, [d.surroundings(stream) for d in over])
         self._follow()
         if now - self._checked >= CHECK_S:
             self._checked = now
-            self._live = tuple(findings(stream, task.sensor, now - CHECKED_S, now))
+            found = inspected(stream, task.sensor, now - CHECKED_S, now)
+            self._live = tuple((f.kind, f.statement) for f in found)
 
     def _follow(self) -> None:
         """The present dwell, by what is seen: it begins, goes on, is long enough, or ends."""
@@ -371,6 +375,8 @@ class Guide:
             return
         if present is None:
             present = Taken(seen.start, seen.end, self._next[0])
+        # what moved before shows how quiet quiet is; only a dwell longer than that is older
+        present.start = seen.start if seen.first > 0 else min(present.start, seen.start)
         present.end = max(present.end, seen.end)
         self._present = present
         if not present.counted and present.length >= self._hold:
@@ -382,7 +388,10 @@ class Guide:
         """A dwell is over: its last part, in which hands came near, is cut off."""
         self._present, present.going_on = None, False
         over = [s for s in self._look.dwells if s.start < present.end and s.end > present.start]
-        present.end = over[-1].end if over else present.end
+        if over:
+            present.end = over[-1].end
+        elif present.counted:  # by what came later it was none
+            self._dwells.remove(present)
         if present.counted:
             self._fit()
 

@@ -3,10 +3,11 @@ saturation of a dwell.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.data_quality.check import Finding
 from tiltcal.data_quality.registry import BY_NAME
 from tiltcal.guide.stream import Stream
 from tiltcal.recordings.quality import inspect_recording
@@ -20,21 +21,28 @@ Found = tuple[str, str]
 """Kind and statement of something to mend."""
 
 
-def findings(stream: Stream, sensor: Sensor, start: float, end: float) -> Iterator[Found]:
+def inspected(stream: Stream, sensor: Sensor, start: float, end: float) -> list[Finding]:
     """What the data checks find in the readings of a sensor and in the stamps between two
-    instants, s; notes are left out.
+    instants, s; notes are left out. Rows of the findings count from the beginning of the stream.
     """
     rows = slice(stream.since(start), stream.since(end) + 1)
-    if rows.stop - rows.start < 2 or end - start < ENOUGH:
-        return
-    try:
-        found = inspect_recording(stream.recording(rows), [sensor]).findings
-    except TiltcalError as error:
-        yield "data", str(error)
-        return
-    for finding in found:
-        if BY_NAME[finding.kind].answer != "note":
-            yield finding.kind, finding.statement
+    if rows.stop - rows.start < 2 or stream.time[rows][-1] - stream.time[rows][0] < ENOUGH:
+        return []
+    found = inspect_recording(stream.recording(rows), [sensor]).findings
+    return [replace(f, rows=f.rows + rows.start) for f in found if BY_NAME[f.kind].answer != "note"]
+
+
+def clipped(found: Sequence[Finding], first: int, last: int) -> Iterator[Found]:
+    """Those findings after which nothing can be calibrated, where they lie in some rows.
+
+    Args:
+        found: in a stream.
+        first, last: rows, last exclusive.
+    """
+    for f in found:
+        inside = (f.rows >= first) & (f.rows < last)
+        if BY_NAME[f.kind].answer == "refused" and inside.any():
+            yield "saturation", f.statement
 
 
 def saturation(sensor: Sensor, means: Mapping[str, float]) -> Iterator[Found]:

@@ -10,6 +10,7 @@ from tiltcal.calibration.methods.known_attitude_model import DRIFT
 from tiltcal.calibration.methods.norm_model import names_of, slopes_of_norm
 from tiltcal.calibration.methods.terms import LINEAR, effect_of_term, term_columns
 from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG
 from tiltcal.design.criteria import value
@@ -245,11 +246,15 @@ def by_hand(faces_only: bool) -> tuple[Candidate, ...]:
     )
 
 
-def on_table(scenario: Scenario) -> tuple[Candidate, ...]:
-    """Poses of a table within its limits.
+def on_table(scenario: Scenario, sensor: Sensor) -> tuple[Candidate, ...]:
+    """Poses of a table within its limits, and of an inclinometer where its angle is not too steep.
+
+    Args:
+        scenario: with the instrument where the sensor sits.
+        sensor: accelerometer or inclinometer.
 
     Raises:
-        TiltcalError: the table cannot tilt.
+        TiltcalError: the table cannot tilt, or not so.
     """
     still = Still(scenario, 1.0)
     limits = clock_of(scenario, 1.0).limits
@@ -257,7 +262,19 @@ def on_table(scenario: Scenario) -> tuple[Candidate, ...]:
     angles = spread(limits, SPREAD) if step is None else grid(limits, step)
     angles = np.round(angles / DEG, 6)
     angles = angles[np.argsort(np.abs(angles).sum(axis=1), kind="stable")]
+    up = still.up(angles * DEG)
+    good = np.ones(len(up), bool)
+    if sensor.kind == "inclinometer":
+        others = [k for k in range(3) if k not in sensor.axis_indices]
+        good = (up[:, others] >= STEEPEST).all(axis=1)
+    if not good.any():
+        raise TiltcalError(
+            f"guide, table {scenario.rig.table}",
+            found="no pose within its limits at which this sensor can be read",
+            need="poses within 60 deg of level",
+            do="correct the limits of the rig",
+        )
     return tuple(
-        Candidate(up, dict(zip(still.axes, (float(a) + 0.0 for a in row), strict=True)), 0)
-        for row, up in zip(angles, still.up(angles * DEG), strict=True)
+        Candidate(u, dict(zip(still.axes, (float(a) + 0.0 for a in row), strict=True)), 0)
+        for row, u in zip(angles[good], up[good], strict=True)
     )

@@ -1,5 +1,6 @@
 """Standstill in a stream: the dwells of the last minutes, found as in a whole recording."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,7 @@ class Look:
         return self.dwells[-1] if self.standing else None
 
 
-def look(stream: Stream, columns: tuple[str, ...]) -> Look:
+def look(stream: Stream, columns: tuple[str, ...], without: Sequence[slice] = ()) -> Look:
     """The dwells of the last minutes.
 
     Each time every k-th of the rows in which the sensor was sampled is looked at, so that the work
@@ -40,12 +41,15 @@ def look(stream: Stream, columns: tuple[str, ...]) -> Look:
     Args:
         stream: samples so far.
         columns: of the sensor.
+        without: rows that are left out: a channel at its limit is quieter than quiet.
     """
     end = float(stream.time[-1]) if stream.rows else 0.0
     first = stream.since(end - HISTORY)
     sampled = ~np.isnan(stream.column(columns[0])[first:])
     for name in columns[1:]:
         sampled &= ~np.isnan(stream.column(name)[first:])
+    for part in without:
+        sampled[max(part.start - first, 0) : max(part.stop - first, 0)] = False
     rows = first + np.flatnonzero(sampled)
     if len(rows) < 2:
         return Look()

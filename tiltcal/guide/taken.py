@@ -8,14 +8,13 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import angle_between
 from tiltcal.core.units import DEG
-from tiltcal.data_quality.registry import BY_NAME
-from tiltcal.guide.live_checks import Found, findings, saturation
+from tiltcal.guide.live_checks import Found, clipped, inspected, saturation
 from tiltcal.guide.planner import Candidate
 from tiltcal.guide.reading import Reading
 from tiltcal.guide.state import Dwell, Manner, triple
 from tiltcal.guide.stream import Stream
 from tiltcal.guide.task import Task
-from tiltcal.recordings.segmentation import Segment
+from tiltcal.recordings.segmentation import GUARD, WINDOW, Segment
 from tiltcal.setup.pose_schemes import directions, label_of
 
 OF_DWELL = ("pose", "saturation", "asked")
@@ -23,9 +22,12 @@ OF_DWELL = ("pose", "saturation", "asked")
 # of a face by hand: the stated attitude of a housing on a table is better by far
 NEAR = 20 * DEG
 OPPOSITE = 150 * DEG  # from what was asked
+# a dwell at a limit is flat: it takes the readings before it to tell a limit from a dead channel
+BEFORE_S = 10.0
+EDGE_S = GUARD + WINDOW  # what is cut off at an end, and what a window reaches beyond it
 
 
-@dataclass
+@dataclass(eq=False)
 class Taken:
     """A dwell, from its first instant on.
 
@@ -62,6 +64,11 @@ class Taken:
         return slice(
             stream.since(self.start), int(np.searchsorted(stream.time, self.end, side="right"))
         )
+
+    def surroundings(self, stream: Stream) -> slice:
+        """Its rows with its ends, in which the sensor stands still already or still."""
+        first, last = self.start - EDGE_S, self.end + EDGE_S
+        return slice(stream.since(first), stream.since(last) if not self.going_on else stream.rows)
 
     def segment(self, stream: Stream) -> Segment:
         """The dwell as a segment of the recording."""
@@ -120,10 +127,9 @@ def faults_of(dwell: Taken, read: Reading, task: Task, stream: Stream) -> Iterat
     """
     if dwell.reason:
         yield "pose", f"the dwell at {dwell.start:.4g} s is {dwell.reason}"
-    limited = list(saturation(task.sensor, read.columns))
-    found = findings(stream, task.sensor, dwell.start, dwell.end)
-    refused = {name for name, check in BY_NAME.items() if check.answer == "refused"}
-    limited += [("saturation", text) for kind, text in found if kind in refused]
+    rows = dwell.rows(stream)
+    found = inspected(stream, task.sensor, dwell.start - BEFORE_S, dwell.end)
+    limited = [*saturation(task.sensor, read.columns), *clipped(found, rows.start, rows.stop)]
     if limited:
         dwell.reason = limited[0][1]
         yield limited[0]

@@ -43,11 +43,14 @@ class LineReader:
         columns: names of the cells; empty: by the header. ``time_s`` (or another unit of time) is
             among them, unless a rate is given.
         rate_hz: of the lines, where they have no time; None: they have.
+        midway: whether the first line may have begun before it was heard: numbers in it are left
+            out, and in the first after each gap.
     """
 
     source: str
     columns: tuple[str, ...] = ()
     rate_hz: float | None = None
+    midway: bool = False
     damaged: int = 0
     _rest: bytes = b""
     _count: int = 0
@@ -55,6 +58,7 @@ class LineReader:
     _time: tuple[int, float] | None = field(default=None)
 
     def __post_init__(self) -> None:
+        self._torn = self.midway
         if self.columns:
             self._name(self.columns)
 
@@ -90,7 +94,7 @@ class LineReader:
         """The connection was away: what is left of a line is gone, and lines without a time go on
         that much later. seconds: s.
         """
-        self._rest = b""
+        self._rest, self._torn = b"", self.midway
         self._gap += seconds
 
     def _row(self, line: bytes) -> list[float] | None:
@@ -98,6 +102,7 @@ class LineReader:
         text = line.decode("utf-8", errors="replace").strip().lstrip("\ufeff")
         if not text or text.startswith("#"):
             return None
+        torn, self._torn = self._torn, False
         cells = [cell.strip() for cell in text.split(",")]
         try:
             row = [float(cell) if cell else float("nan") for cell in cells]
@@ -106,6 +111,8 @@ class LineReader:
                 self._name(cells)
             elif tuple(TIMES.get(c, c) for c in cells) != self.columns:
                 self.damaged += 1
+            return None
+        if torn:
             return None
         if not self.columns:
             raise TiltcalError(

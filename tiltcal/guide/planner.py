@@ -266,7 +266,7 @@ def on_table(scenario: Scenario, sensor: Sensor) -> tuple[Candidate, ...]:
     good = np.ones(len(up), bool)
     if sensor.kind == "inclinometer":
         others = [k for k in range(3) if k not in sensor.axis_indices]
-        good = (up[:, others] >= STEEPEST).all(axis=1)
+        good = np.asarray((up[:, others] >= STEEPEST).all(axis=1))
     if not good.any():
         raise TiltcalError(
             f"guide, table {scenario.rig.table}",

@@ -354,7 +354,8 @@ def open_source(text: str, options: SourceOptions | None = None) -> Source:
 
 
 def _lines(transport: Transport, options: SourceOptions) -> Lines:
-    return Lines(transport, LineReader(transport.name, options.columns, options.rate_hz))
+    midway = isinstance(transport, Serial)
+    return Lines(transport, LineReader(transport.name, options.columns, options.rate_hz, midway))
 
 
 def _is_device(path: Path) -> bool:

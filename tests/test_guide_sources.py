@@ -60,6 +60,14 @@ def test_a_line_that_began_before_it_was_heard_is_left_out() -> None:
     assert header_first.feed(b"time_s,accel_x_g\n2.4,1\n").time.tolist() == [2.4]
 
 
+def test_columns_of_text_are_left_out() -> None:
+    reader = LineReader("test")
+    got = reader.feed(b'time_s,label,accel_x_g\n1,+x,0.5\n2,"[1, 0, 1]",0.7\n')
+    assert got.time.tolist() == [1.0, 2.0]
+    assert got.columns["accel_x_g"].tolist() == [0.5, 0.7]
+    assert reader.damaged == 0
+
+
 def test_lines_without_a_time_have_a_rate() -> None:
     reader = LineReader("test", ("accel_x_g",), rate_hz=50.0)
     assert reader.feed(b"1\n2\n").time.tolist() == [0.02, 0.04]

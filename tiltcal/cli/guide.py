@@ -210,5 +210,6 @@ def _end_of(state: GuideState) -> str:
     """Whether the goals were reached, in words."""
     if state.reached:
         return "every goal is reached"
-    missing = [name for name, p in state.parameters.items() if not p.reached]
-    return f"goals not reached: {', '.join(missing)}" if missing else "too few dwells to judge by"
+    missing = [name.rpartition("_")[0] for name, p in state.parameters.items() if not p.reached]
+    kinds = ", ".join(dict.fromkeys(missing))
+    return f"goals not reached: {kinds}" if missing else "too few dwells to judge by"

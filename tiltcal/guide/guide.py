@@ -17,7 +17,7 @@ from tiltcal.core.units import DEG, split_unit
 from tiltcal.guide.goals import goals_of
 from tiltcal.guide.live_checks import Found, inspected
 from tiltcal.guide.planner import Candidate, Planner, by_hand, on_table
-from tiltcal.guide.progress import Progress, progress_of
+from tiltcal.guide.progress import INCOMPLETE, Progress, progress_of
 from tiltcal.guide.reading import Reading, read_between
 from tiltcal.guide.saving import save_all
 from tiltcal.guide.standstill import Look, look
@@ -92,6 +92,7 @@ class Guide:
         self._looked = self._checked = self._fitted = -np.inf
         self._reached_at: int | None = None
         self._columns: tuple[str, ...] = ()
+        self._proposed: Candidate | None = None
         self._manner = self._manner_of(())
         self._progress = Progress.none(self._planner())
         self._goals = self._all_goals()
@@ -398,7 +399,7 @@ class Guide:
     def _count(self, dwell: Taken) -> None:
         """A dwell has lasted long enough."""
         task = self._task
-        dwell.counted = True
+        dwell.counted, self._proposed = True, None
         self._dwells.append(dwell)
         read = read_between(
             self._stream, task.sensor, task.scenario.site.gravity, dwell.start, dwell.end
@@ -413,7 +414,7 @@ class Guide:
         """What the dwells so far bring, and the next pose."""
         first = self._progress.up is None
         self._fitted = self._now
-        planner, used = self._planner(), self._used
+        planner, used = self._progress.planner, self._used
         segments = self.segments
         self._progress = progress_of(self._task, planner, self.recording, segments)
         if self._progress.up is not None:
@@ -430,7 +431,9 @@ class Guide:
         unit = split_unit(self._columns[0])[1] if self._columns else None
         progress = self._progress
         self._parameters = progress.parameters(self._goals, unit)
-        self._next = progress.planner.best(progress.information, self._way)
+        here = self._dwells[-1].up if self._dwells else None
+        self._next = progress.planner.best(progress.information, self._way, self._proposed, here)
+        self._proposed = self._next[0]
         self._further = progress.planner.further(progress.information, self._goals)
 
     def _way(self, pose: Candidate) -> float:
@@ -470,7 +473,8 @@ class Guide:
     def _notices(self) -> tuple[Notice, ...]:
         """What to mend, the last first."""
         now = max(self._now, 0.0)
-        faults = (*self._live, *self._progress.found)
+        more = INCOMPLETE if not self.reached else ()  # to come
+        faults = (*self._live, *(f for f in self._progress.found if f[0] not in more))
         stream = self._stream
         keys = {f: (f[0], f[1].partition(":")[0]) for f in faults}
         self._since = {key: self._since.get(key, now) for key in keys.values()}

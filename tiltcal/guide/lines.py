@@ -1,5 +1,6 @@
 """Samples as lines of text: comma-separated numbers under a header or stated columns."""
 
+import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -55,7 +56,9 @@ class LineReader:
     _rest: bytes = b""
     _count: int = 0
     _gap: float = 0.0
-    _time: tuple[int, float] | None = field(default=None)
+    _time: tuple[int, float] | None = None
+    _header: tuple[str, ...] = ()
+    _kept: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._torn = self.midway
@@ -103,40 +106,44 @@ class LineReader:
         if not text or text.startswith("#"):
             return None
         torn, self._torn = self._torn, False
-        cells = [cell.strip() for cell in text.split(",")]
-        try:
-            row = [float(cell) if cell else float("nan") for cell in cells]
-        except ValueError:
-            if not self.columns:
-                self._name(cells)
-            elif tuple(TIMES.get(c, c) for c in cells) != self.columns:
-                self.damaged += 1
+        every = next(csv.reader([text])) if '"' in text else text.split(",")
+        cells = [cell.strip() for cell in every]
+        if not self._header:
+            if torn and _is_number(cells[0]):
+                return None
+            self._require_header(text, cells[0])
+            self._name(cells)
             return None
-        if torn:
+        row = [_number(cells[k]) for k in self._kept] if len(cells) == len(self._header) else []
+        found = [value for value in row if value is not None]
+        lacking = len(found) < len(self._kept)
+        if lacking or (self._time and not np.isfinite(found[self._time[0]])):
+            self.damaged += not torn and tuple(cells) != self._header
             return None
-        if not self.columns:
+        return None if torn else found
+
+    def _require_header(self, text: str, first: str) -> None:
+        """Refuse numbers where the names should stand."""
+        if _is_number(first):
             raise TiltcalError(
                 self.source,
                 found=f"numbers without a header: {text[:60]}",
                 need="names of the columns, such as time_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2",
                 do="send them as the first line, or state them with --columns",
             )
-        if len(row) != len(self.columns) or (self._time and not np.isfinite(row[self._time[0]])):
-            self.damaged += 1
-            return None
-        return row
 
     def _name(self, cells: Sequence[str]) -> None:
-        """Take the names of the columns."""
-        names = tuple(TIMES.get(cell, cell) for cell in cells)
+        """Take the names of the columns; those without a unit are left out."""
+        every = [TIMES.get(cell, cell) for cell in cells]
+        kept = [k for k, name in enumerate(every) if split_unit(name)[1] is not None]
+        names = tuple(every[k] for k in kept)
         units = [(k, split_unit(name)) for k, name in enumerate(names)]
         times = [(k, COLUMN_UNITS[str(u)].factor) for k, (stem, u) in units if stem == "time"]
-        strange = [name for name in names if split_unit(name)[1] is None]
-        if strange or len(set(names)) < len(names):
+        if len(names) == len(times) or len(set(names)) < len(names):
             raise TiltcalError(
                 self.source,
-                found=f"columns {', '.join(names)[:200]}",
-                need="<sensor>_<axis>_<unit> each, such as accel_x_m_s2, and none twice",
+                found=f"columns {', '.join(every)[:200]}",
+                need="<sensor>_<axis>_<unit>, such as accel_x_m_s2, and none twice",
                 do="state the columns with --columns",
             )
         if not times and self.rate_hz is None:
@@ -146,4 +153,17 @@ class LineReader:
                 need="a column time_s (or ms, us, ns)",
                 do="send the time, or state the rate with --rate-hz",
             )
+        self._header, self._kept = tuple(cells), kept
         self.columns, self._time = names, times[0] if times else None
+
+
+def _number(cell: str) -> float | None:
+    """A cell as a number, NaN where it is empty; None where it is no number."""
+    try:
+        return float(cell) if cell else float("nan")
+    except ValueError:
+        return None
+
+
+def _is_number(cell: str) -> bool:
+    return bool(cell) and _number(cell) is not None

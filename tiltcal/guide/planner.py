@@ -27,6 +27,7 @@ from tiltcal.setup.sensor import Sensor
 CRITERION = "D"
 # nats: a pose this near to the best is as good; one sigma in all is then 5 % larger
 TIE = 0.05
+NEAR = 20 * DEG  # of the last dwell: half way from a face to an edge
 STEPS = {1: 15 * DEG, 2: 45 * DEG}  # of the angles that are proposed, by the number of axes
 SPREAD = 128  # poses of tables with more axes
 MOST = 60  # dwells that a forecast counts
@@ -117,23 +118,32 @@ class Planner:
         return np.asarray(np.einsum("ckp,ckq->cpq", rows, rows))
 
     def best(
-        self, information: Array, way: Callable[[Candidate], float] | None = None
+        self,
+        information: Array,
+        way: Callable[[Candidate], float] | None = None,
+        proposed: Candidate | None = None,
+        here: Array | None = None,
     ) -> tuple[Candidate, float]:
-        """The pose that adds most, and what it adds, nats; among equals the easiest, then the
-        nearest.
+        """The pose that adds most, and what it adds, nats; among equals that which is proposed
+        already, then the easiest, then the nearest.
 
         Args:
             information: of the dwells so far, (p, p).
             way: to a pose, rad.
+            proposed: before.
+            here: up in the body frame at the last dwell, (3,): to stay there is not proposed.
         """
         before = value(information, self.model, CRITERION)
         gains = [
             value(information + added, self.model, CRITERION) - before for added in self._added
         ]
-        good = [k for k, gain in enumerate(gains) if gain >= max(gains) - TIE]
         poses = self.candidates
+        away = [here is None or c.up @ here < np.cos(NEAR) for c in poses]
+        if any(away):
+            gains = [g if far else -np.inf for g, far in zip(gains, away, strict=True)]
+        good = [k for k, gain in enumerate(gains) if gain >= max(gains) - TIE]
         far = {k: 0.0 if way is None else round(way(poses[k]), 3) for k in good}
-        k = min(good, key=lambda k: (poses[k].rank, far[k], k))
+        k = min(good, key=lambda k: (poses[k] is not proposed, poses[k].rank, far[k], k))
         return poses[k], gains[k]
 
     def after(self, information: Array, number: int) -> Array:

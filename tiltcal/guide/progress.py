@@ -19,6 +19,7 @@ from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.static_poses import Poses, find_poses
 
 INCOMPLETE = (
+    "converged",
     "determined",
     "directions predict each other",
     "condition of the positions",
@@ -108,12 +109,7 @@ def progress_of(
         except TiltcalError as error:
             found.append(("calibration", str(error)))
     tests = [slope_test(poses)] if calibration is None else calibration.tests
-    early = len(segments) < planner.least
-    found += [
-        (test.name, test.statement)
-        for test in tests
-        if not (test.passed or (early and test.name in INCOMPLETE))
-    ]
+    found += [(test.name, test.statement) for test in tests if not test.passed]
     return Progress(planner, information, calibration, tuple(found), up)
 
 

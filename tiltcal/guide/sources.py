@@ -137,8 +137,14 @@ class Lines:
             now = time.monotonic()
             heard = now if data else heard
             was, silent = silent, now - heard > SILENT_S
-            words = f"{self.name}: no samples for {now - heard:.0f} s" if silent else None
-            yield Arrival(self._reader.feed(data), "" if was and not silent else words)
+            words = "" if was and not silent else None
+            if silent:
+                words = f"{self.name}: nothing has come for {now - heard:.0f} s"
+            damaged = self._reader.damaged
+            samples = self._reader.feed(data)
+            if self._reader.damaged > damaged:
+                words = f"{self.name}: {self._reader.damaged} lines were no samples: left out"
+            yield Arrival(samples, words)
 
     def _again(self, cause: str) -> Iterator[Arrival]:
         """Connect again.

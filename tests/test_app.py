@@ -401,8 +401,8 @@ def test_two_tabs_and_a_reload_lose_nothing(page):
     )
     other.reload()
     other.wait_for_function("window.did_handshake")
-    assert other.get_by_label("Laboratory").input_value() == "Bench 7"
-    assert other.get_by_label("Serial").input_value() == "00<b>42"
+    assert other.get_by_label("Laboratory", exact=True).input_value() == "Bench 7"
+    assert other.get_by_label("Serial", exact=True).input_value() == "00<b>42"
     other.wait_for_selector("text=calibration by norm: good")
     other.close()
     kept = json.loads((page.app.folder / ".tiltcal-app.json").read_text())
@@ -411,7 +411,7 @@ def test_two_tabs_and_a_reload_lose_nothing(page):
 
 def test_a_hostile_name_stays_text(page):
     page.go("Open")
-    page.page.get_by_role("button", name=HOSTILE).click()
+    page.page.get_by_role("button", name=HOSTILE, exact=True).click()
     page.shows(".problem, .cell")
     assert page.page.title() == "Open · tiltcal"
     assert not page.page.locator("img[src=x]").count()
@@ -421,7 +421,7 @@ def test_a_hostile_name_stays_text(page):
 def choose(page, label, name):
     """Choose a file in the bar of every page."""
     page.page.get_by_label(label, exact=True).click()
-    page.page.locator(".q-menu .q-item", has_text=name).first.click()
+    page.page.locator(".q-menu:visible .q-item", has_text=name).first.click()
     page.page.wait_for_function(
         "name => [...document.querySelectorAll('.bar input, .bar span')].some("
         "i => (i.value || i.textContent) === name)",
@@ -455,7 +455,7 @@ def test_dwells_are_found_labelled_and_excluded(page):
 
 
 def test_a_recording_is_diagnosed(page, tmp_path, monkeypatch):
-    (page.app.folder / "segments.csv").unlink()
+    (page.app.folder / "segments.csv").unlink(missing_ok=True)
     page.go("Diagnose")
     page.press("Diagnose")
     page.shows(".job button")

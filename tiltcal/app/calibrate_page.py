@@ -344,8 +344,8 @@ def _exports(session: Session) -> None:
         action(session, f"Export {form}", (FILES,), partial(list, words))
         path = session.workspace.folder / output
         if path.is_file():
+            ui.link(f"Download {output}", f"/files/{output}?download=true")
             with ui.expansion(output).props("dense"):
-                ui.link(f"Download {output}", f"/files/{output}?download=true")
                 content = path.read_text(encoding="utf-8", errors="replace")[:MOST_TEXT]
                 with ui.element("pre").classes("code"):
                     ui.label(content).classes("in")

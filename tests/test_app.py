@@ -481,13 +481,29 @@ def test_poses_are_planned(page, tmp_path, monkeypatch):
     page.require_clean()
 
 
+def test_a_replayed_recording_is_guided_to_its_goals(page):
+    page.go("Guide")
+    choose(page, "Scenario", "hand.toml")
+    page.fill("Source", "imu.csv")
+    page.fill("Speed of a file", "0")
+    page.fill("Length of a dwell, s", "2")
+    page.fill("Goals, KIND=SIGMA", "bias=100ug scale=150ppm cross=150ppm")
+    page.page.wait_for_function("document.body.textContent.includes('--goal bias=100ug')")
+    assert page.command("tiltcal guide").endswith("-o guided")
+    page.press("Start")
+    page.shows("text=Ended with")
+    page.shows("text=Download calibration")
+    assert json.loads((page.app.folder / "guided/CAL.json").read_text())["method"] == "norm"
+    page.require_clean()
+
+
 @pytest.mark.parametrize("size", [PHONE, (1280, 900)])
 @pytest.mark.usefixtures("page")
 def test_every_page_fits_and_follows_the_dark(browser, app, size):
     narrow = Page(browser, app, size, "dark")
-    for title in ("Open", "Recording", "Calibrate", "Diagnose", "Plan"):
+    for title in ("Open", "Recording", "Calibrate", "Diagnose", "Plan", "Guide"):
         narrow.go(title)
-        narrow.page.wait_for_timeout(700)
+        narrow.page.wait_for_timeout(500)
         assert narrow.overflows() <= 0, title
         assert narrow.page.evaluate("getComputedStyle(document.body).backgroundColor") == (
             "rgb(23, 25, 35)"

@@ -28,7 +28,7 @@ from tiltcal.app.elements import (
     tick,
 )
 from tiltcal.app.jobs import Job
-from tiltcal.app.open_page import read_dwells, read_recording
+from tiltcal.app.open_page import read_dwells, read_recording, stamp_of
 from tiltcal.app.session import FILES, Session
 from tiltcal.app.shell import RECORDING, SCENARIO, SEGMENTS, need, report_frame
 from tiltcal.core.errors import TiltcalError
@@ -62,14 +62,21 @@ def build(session: Session) -> None:
     follow(session, (*DATA, TRIALS, METHOD), lambda: _methods(session))
     _inputs(session)
     heading("Result")
-    follow(session, (FILES,), lambda: _choose(session))
-    Section(session, (CALIBRATION, *DATA, FILES), lambda: _loaded(session), _result(session))
+    calibrations = partial(session.names, "calibration")
+    follow(session, (FILES,), lambda: _choose(session), calibrations)
+    Section(
+        session,
+        (CALIBRATION, *DATA, FILES),
+        lambda: _loaded(session),
+        _result(session),
+        lambda: stamp_of(session, CALIBRATION, RECORDING, SEGMENTS),
+    )
     heading("Certificate")
     _certificate(session)
     heading("Compare and combine")
     _others(session)
     heading("Export")
-    follow(session, (CALIBRATION, FILES), lambda: _exports(session))
+    follow(session, (CALIBRATION,), lambda: _exports(session))
 
 
 def calibrating(session: Session) -> list[str] | None:
@@ -146,7 +153,9 @@ def _inputs(session: Session) -> None:
         entry(session, OPTIONS, "Options, KEY=VALUE", hint="terms=9")
         entry(session, OUTPUT, "Calibration to write", "CAL.json")
         tick(session, BUDGET, "uncertainty budget")
-    follow(session, (FILES, RECORDING), lambda: _more(session))
+    recordings = partial(session.names, "recording")
+    same = lambda: (recordings(), session.text(RECORDING))  # noqa: E731
+    follow(session, (FILES, RECORDING), lambda: _more(session), same)
     action(
         session,
         "Calibrate",
@@ -282,7 +291,8 @@ def _certificate(session: Session) -> None:
         lambda _: session.set("calibrate.shown", session.text(CERTIFICATE)),
         missing="A certificate needs what a calibration needs.",
     )
-    follow(session, ("calibrate.shown", FILES), lambda: _shown(session))
+    same = lambda: stamp_of(session, "calibrate.shown", DCC)  # noqa: E731
+    follow(session, ("calibrate.shown", FILES), lambda: _shown(session), same)
 
 
 def _shown(session: Session) -> None:
@@ -295,7 +305,8 @@ def _shown(session: Session) -> None:
 
 
 def _others(session: Session) -> None:
-    follow(session, (FILES,), lambda: _choose_others(session))
+    calibrations = partial(session.names, "calibration")
+    follow(session, (FILES,), lambda: _choose_others(session), calibrations)
     folder, joined = "calibrate.compared", "calibrate.combined"
     with ui.element("div").classes("fields"):
         entry(session, folder, "Folder of the comparison", "compared")
@@ -317,7 +328,8 @@ def _others(session: Session) -> None:
     action(session, "Compare", keys, comparing, missing="Choose two calibrations or more.")
     done = lambda _: session.set(CALIBRATION, session.text(joined))  # noqa: E731
     action(session, "Combine", keys, combining, done, missing="Choose two calibrations or more.")
-    follow(session, (folder, FILES), lambda: _comparison(session, session.text(folder)))
+    report = lambda: session.stamp((), f"{session.text(folder)}/report.html")  # noqa: E731
+    follow(session, (folder, FILES), lambda: _comparison(session, session.text(folder)), report)
 
 
 def _choose_others(session: Session) -> None:
@@ -340,12 +352,15 @@ def _exports(session: Session) -> None:
         return
     for form, ending in FORMATS.items():
         output = f"{Path(name).stem}.{ending}"
-        words = commands.export(name, form, output)
-        action(session, f"Export {form}", (FILES,), partial(list, words))
-        path = session.workspace.folder / output
-        if path.is_file():
-            ui.link(f"Download {output}", f"/files/{output}?download=true")
-            with ui.expansion(output).props("dense"):
-                content = path.read_text(encoding="utf-8", errors="replace")[:MOST_TEXT]
-                with ui.element("pre").classes("code"):
-                    ui.label(content).classes("in")
+        action(session, f"Export {form}", (), partial(commands.export, name, form, output))
+        same = partial(session.stamp, (), output)
+        follow(session, (FILES,), partial(_exported, session, output), same)
+
+
+def _exported(session: Session, output: str) -> None:
+    path = session.workspace.folder / output
+    if path.is_file():
+        ui.link(f"Download {output}", f"/files/{output}?download=true")
+        with ui.expansion(output).props("dense"), ui.element("pre").classes("code"):
+            content = path.read_text(encoding="utf-8", errors="replace")[:MOST_TEXT]
+            ui.label(content).classes("in")

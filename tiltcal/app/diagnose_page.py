@@ -2,8 +2,9 @@
 finding, and the amended model applied to the recording.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from tiltcal.app.elements import (
     text,
 )
 from tiltcal.app.jobs import as_command
-from tiltcal.app.open_page import read_recording
+from tiltcal.app.open_page import read_recording, stamp_of
 from tiltcal.app.session import FILES, Session
 from tiltcal.app.shell import RECORDING, SCENARIO, need, report_frame
 from tiltcal.core.errors import TiltcalError
@@ -41,7 +42,8 @@ SHOWN_PROBABILITY = 0.005  # of an alternative, as in the report
 def build(session: Session) -> None:
     """The page."""
     heading("Recordings and scenario")
-    follow(session, (FILES, RECORDING), lambda: _inputs(session))
+    recordings = lambda: (session.names("recording"), session.text(RECORDING))  # noqa: E731
+    follow(session, (FILES, RECORDING), lambda: _inputs(session), recordings)
     with ui.element("div").classes("fields"):
         entry(session, FOLDER, "Folder of the results", "diagnosis")
     action(
@@ -53,13 +55,24 @@ def build(session: Session) -> None:
         missing="Choose a recording and a scenario.",
     )
     heading("Findings")
-    Section(session, (FOLDER, FILES), lambda: _loaded(session), _findings)
+    found = partial(_stamp, session, "diagnosis.json")
+    Section(session, (FOLDER, FILES), lambda: _loaded(session), _findings, found)
     heading("The amended model on the recording")
     Section(
-        session, (FOLDER, RECORDING, FILES), lambda: _residual(session), lambda r: _left(session, r)
+        session,
+        (FOLDER, RECORDING, FILES),
+        lambda: _residual(session),
+        lambda residual: _left(session, residual),
+        lambda: (_stamp(session, "predicted.csv"), stamp_of(session, RECORDING)),
     )
     heading("Report")
-    follow(session, (FOLDER, FILES), lambda: _report(session))
+    report = partial(_stamp, session, "report.html")
+    follow(session, (FOLDER, FILES), lambda: _report(session), report)
+
+
+def _stamp(session: Session, name: str) -> Hashable:
+    """What changes when a file of the results does."""
+    return session.stamp((FOLDER,), f"{session.text(FOLDER) or 'diagnosis'}/{name}")
 
 
 def diagnosing(session: Session) -> list[str] | None:

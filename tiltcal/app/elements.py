@@ -4,7 +4,7 @@ tables and plots of text, controls that keep what is entered, and actions with t
 
 import asyncio
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, Generic, TypeVar
 
 from nicegui import background_tasks, ui
@@ -138,6 +138,7 @@ class Section(Generic[Loaded]):
         topics: keys of values, ``files`` or ``jobs``.
         load: reads what is shown.
         build: shows it.
+        same: as long as it returns the same, nothing is built again: a page does not jump.
     """
 
     def __init__(
@@ -146,8 +147,11 @@ class Section(Generic[Loaded]):
         topics: Sequence[str],
         load: Callable[[], Loaded],
         build: Callable[[Loaded], None],
+        same: Callable[[], Hashable] | None = None,
     ) -> None:
         self._load, self._build = load, build
+        self._same = same
+        self._seen: Hashable = object()
         self._wanted = self._running = False
         self.box = ui.element("div").classes("section")
         end = session.listen(tuple(topics), self.refresh)
@@ -156,6 +160,11 @@ class Section(Generic[Loaded]):
 
     def refresh(self) -> None:
         """Build it again, once for all changes that came meanwhile."""
+        if self._same is not None:
+            now = self._same()
+            if now == self._seen:
+                return
+            self._seen = now
         self._wanted = True
         if not self._running:
             self._running = True
@@ -180,11 +189,22 @@ class Section(Generic[Loaded]):
             build()
 
 
-def follow(session: Session, topics: Sequence[str], build: Callable[[], None]) -> None:
-    """A part that needs nothing read: built at once, and again at each change."""
+def follow(
+    session: Session,
+    topics: Sequence[str],
+    build: Callable[[], None],
+    same: Callable[[], Hashable] | None = None,
+) -> None:
+    """A part that needs nothing read: built at once, and again at each change, unless ``same``
+    returns what it did.
+    """
     box = ui.element("div").classes("section")
+    seen: list[Hashable] = [object()]
 
     def again() -> None:
+        if same is not None and seen[0] == same():
+            return
+        seen[0] = same() if same is not None else None
         box.clear()
         with box:
             build()

@@ -1,10 +1,10 @@
-"""The live guide of a workspace: a source is read in a thread of its own, and every tab looks at the
-same state.
+"""The live guide of a workspace: a source is read in a thread of its own, and every tab looks at
+the same state.
 """
 
 import re
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import tiltcal as tc
@@ -22,8 +22,6 @@ from tiltcal.guide.sources import (
 from tiltcal.guide.state import GuideState
 from tiltcal.report.stated import Stated
 
-LIVE = "live"
-"""Topic of what has begun, changed by a dwell, or ended."""
 DEVICE = re.compile(r"/dev/[\w./-]+|COM\d+", re.IGNORECASE)
 
 
@@ -170,6 +168,10 @@ class Live:
         except TiltcalError as error:
             self.error = self.error or str(error)
         self.running = False
+
+
+Change = Callable[[Guide], None]
+"""Something that an operator tells a guide."""
 
 
 def words_of(task: Task) -> Sequence[str]:

@@ -4,7 +4,7 @@ the channels with what the checks found, and the scenario.
 
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from tiltcal.app.elements import (
     text,
     tick,
 )
-from tiltcal.app.session import FILES, JOBS, Session
+from tiltcal.app.session import FILES, Session
 from tiltcal.app.shell import RECORDING, SCENARIO, SEGMENTS, need
 from tiltcal.app.transfers import LARGEST_UPLOAD
 from tiltcal.app.workspace import Entry
@@ -68,11 +68,22 @@ def build(session: Session) -> None:
         with ui.element("section"):
             heading("Published recordings")
             _published(session)
-    follow(session, (LOG, FILES), lambda: _import(session))
+    follow(session, (LOG, FILES), lambda: _import(session), lambda: _log_known(session))
     heading("Channels and findings")
-    Section(session, (RECORDING, SEGMENTS, FILES), lambda: _inspected(session), _channels(session))
+    Section(
+        session,
+        (RECORDING, SEGMENTS, FILES),
+        lambda: _inspected(session),
+        _channels(session),
+        lambda: stamp_of(session, RECORDING, SEGMENTS),
+    )
     heading("Scenario")
     _scenario(session)
+
+
+def stamp_of(session: Session, *keys: str) -> Hashable:
+    """What changes when another file is chosen by these keys, or the chosen one is written."""
+    return session.stamp(keys, *(session.text(key) for key in keys if session.text(key)))
 
 
 def opened(session: Session, name: str) -> None:
@@ -147,6 +158,12 @@ class Proposed:
     name: str
     content: str
     statements: Sequence[Statement]
+
+
+def _log_known(session: Session) -> Hashable:
+    """What changes when another log is chosen, or its mapping comes."""
+    log = session.chosen(LOG)
+    return log, bool(log) and (session.workspace.folder / mapping_name(log)).is_file()
 
 
 def _import(session: Session) -> None:
@@ -371,7 +388,13 @@ def _scenario(session: Session) -> None:
 
     done = lambda _: session.set(SCENARIO, session.text("init.output"))  # noqa: E731
     action(session, "Make a scenario", keys, words, done)
-    Section(session, (SCENARIO, JOBS), lambda: _scenario_text(session), _edit(session))
+    Section(
+        session,
+        (SCENARIO, FILES),
+        lambda: _scenario_text(session),
+        _edit(session),
+        lambda: stamp_of(session, SCENARIO),
+    )
 
 
 def _scenario_text(session: Session) -> tuple[str, str, str]:

@@ -58,9 +58,10 @@ def build(session: Session) -> None:
     missing = "Choose a scenario."
     action(session, "Design", keys, lambda: designing(session), missing=missing)
     heading("What to expect")
-    Section(session, (FOLDER, FILES), lambda: _loaded(session), lambda d: _plan(session, d))
+    same = lambda: session.stamp((FOLDER,), f"{_folder(session)}/report.html")  # noqa: E731
+    Section(session, (FOLDER, FILES), lambda: _loaded(session), lambda d: _plan(session, d), same)
     heading("Poses and report")
-    follow(session, (FOLDER, FILES), lambda: _report(session))
+    follow(session, (FOLDER, FILES), lambda: _report(session), same)
 
 
 def designing(session: Session) -> list[str] | None:

@@ -4,6 +4,7 @@ split; the poses on the sphere and on the table.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from tiltcal.app.elements import (
     text,
     tick,
 )
-from tiltcal.app.open_page import read_dwells, read_recording
+from tiltcal.app.open_page import read_dwells, read_recording, stamp_of
 from tiltcal.app.session import FILES, Session
 from tiltcal.app.shell import RECORDING, SCENARIO, SEGMENTS, need
 from tiltcal.core.errors import TiltcalError
@@ -44,7 +45,14 @@ def build(session: Session) -> None:
             "no-caps dense flat"
         ).classes("plain")
     topics = (RECORDING, SEGMENTS, FILES, MOVABLE, AT)
-    Section(session, topics, lambda: _loaded(session), lambda found: _series(session, found))
+    chosen = partial(stamp_of, session, RECORDING, SEGMENTS)
+    Section(
+        session,
+        topics,
+        lambda: _loaded(session),
+        lambda found: _series(session, found),
+        lambda: (chosen(), session.stamp((MOVABLE, AT))),
+    )
     heading("Dwells")
     with ui.element("div").classes("fields"):
         entry(session, OUTPUT, "List of dwells to write", "segments.csv")
@@ -61,9 +69,16 @@ def build(session: Session) -> None:
         (RECORDING, SEGMENTS, FILES, PICKED),
         lambda: _loaded(session),
         lambda found: _dwells(session, found),
+        lambda: (chosen(), session.stamp((PICKED,))),
     )
     heading("Poses")
-    Section(session, (RECORDING, SCENARIO, FILES), lambda: _poses(session), _scenes)
+    Section(
+        session,
+        (RECORDING, SCENARIO, FILES),
+        lambda: _poses(session),
+        _scenes,
+        lambda: stamp_of(session, RECORDING, SCENARIO),
+    )
 
 
 def finding(session: Session) -> list[str] | None:

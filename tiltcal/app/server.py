@@ -20,7 +20,14 @@ from fastapi import FastAPI, Response
 from fastapi.responses import FileResponse, PlainTextResponse
 from nicegui import ui
 
-from tiltcal.app import calibrate_page, diagnose_page, open_page, plan_page, recording_page
+from tiltcal.app import (
+    calibrate_page,
+    diagnose_page,
+    guide_page,
+    open_page,
+    plan_page,
+    recording_page,
+)
 from tiltcal.app.guard import Guard, Keys
 from tiltcal.app.session import Session
 from tiltcal.app.shell import frame
@@ -37,6 +44,7 @@ CONTENT: dict[str, Callable[[Session], None]] = {
     "/calibrate": calibrate_page.build,
     "/diagnose": diagnose_page.build,
     "/plan": plan_page.build,
+    "/guide": guide_page.build,
 }
 
 

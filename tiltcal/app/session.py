@@ -31,7 +31,7 @@ class Listener:
     tell: Callable[[], None]
 
 
-@dataclass
+@dataclass(eq=False)
 class Session:
     """The session of a workspace.
 
@@ -112,6 +112,19 @@ class Session:
             if name and self.workspace.path(name).is_file():
                 return name
         return ""
+
+    def names(self, *kinds: str) -> tuple[str, ...]:
+        """The names of the files of some kinds."""
+        return tuple(e.name for e in self.files(*kinds))
+
+    def stamp(self, keys: tuple[str, ...], *files: str) -> Hashable:
+        """What changes when a value of these keys or the content of a file does."""
+        found: list[Hashable] = [repr(self.values.get(key)) for key in keys]
+        for name in files:
+            with suppress(TiltcalError, OSError):
+                about = self.workspace.path(name).stat()
+                found.append((name, about.st_mtime_ns, about.st_size))
+        return tuple(found)
 
     def read(self, name: str, what: Hashable, load: Callable[[], Value]) -> Value:
         """A result of reading a file, kept until the file changes.

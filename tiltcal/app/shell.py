@@ -20,6 +20,7 @@ PAGES = {
     "/calibrate": "Calibrate",
     "/diagnose": "Diagnose",
     "/plan": "Plan",
+    "/guide": "Guide",
 }
 RECORDING, SCENARIO, SEGMENTS = "recording", "scenario", "segments"
 """Keys of what is chosen for all pages."""
@@ -59,7 +60,12 @@ def frame(session: Session, path: str, build: Callable[[], None]) -> None:
     with ui.element("div").classes("page").props('id="main"'):
         with ui.element("h1"):
             ui.label(PAGES[path]).classes("in")
-        follow(session, (FILES,), lambda: _chosen(session))
+        follow(
+            session,
+            (FILES,),
+            lambda: _chosen(session),
+            lambda: session.names(RECORDING, SCENARIO, SEGMENTS),
+        )
         _jobs(session)
         build()
     ui.timer(SECONDS_S, lambda: _count(session))

@@ -47,7 +47,8 @@ export default {
       if (!part?.data) return;
       this.quiet = true;
       const rows = data.map((_, k) => k);
-      Plotly.restyle(part, { x: data.map((d) => d.x), y: data.map((d) => d.y) }, rows).then(() => { this.quiet = false; });
+      const keys = ["x", "y", "z"].filter((key) => data[0] && data[0][key]);
+      Plotly.restyle(part, Object.fromEntries(keys.map((key) => [key, data.map((d) => d[key])])), rows).then(() => { this.quiet = false; });
     },
   },
   watch: { plot() { if (globalThis.tiltcalDrawing && this.$refs.plot) this.draw(); } },

@@ -116,6 +116,9 @@ class Live:
     def type_angles(self, angles: dict[str, float]) -> None:
         """State where the dividing head stands.
 
+        Args:
+            angles: of its axes, deg; empty: as proposed.
+
         Raises:
             TiltcalError: no dwell is there, or the table has no such axis.
         """

@@ -72,13 +72,12 @@ def build(session: Session) -> None:
         lambda: (chosen(), session.stamp((PICKED,))),
     )
     heading("Poses")
-    Section(
-        session,
-        (RECORDING, SCENARIO, FILES),
-        lambda: _poses(session),
-        _scenes,
-        lambda: stamp_of(session, RECORDING, SCENARIO),
-    )
+    _pose_section(session)
+
+
+def _pose_section(session: Session) -> None:
+    same = partial(stamp_of, session, RECORDING, SCENARIO)
+    Section(session, (RECORDING, SCENARIO, FILES), lambda: _poses(session), _scenes, same)
 
 
 def finding(session: Session) -> list[str] | None:

@@ -388,7 +388,7 @@ def test_from_a_log_to_a_certificate(page, tmp_path, monkeypatch):
     assert "serial=00<b>42" in "".join(page.commands())
     page.press("Export px4")
     page.shows("text=Download CAL.px4.params")
-    assert "CAL_ACC0_ID" in (page.app.folder / "CAL.px4.params").read_text()
+    assert "CAL_ACC0_XSCALE" in (page.app.folder / "CAL.px4.params").read_text()
     page.require_clean()
 
 

@@ -157,7 +157,9 @@ class Jobs:
         """End a command: asked first, then made to."""
         job.cancel()
         self._changed()
-        await asyncio.sleep(PATIENCE_S)
+        until = time.monotonic() + PATIENCE_S
+        while job.running and time.monotonic() < until:
+            await asyncio.sleep(0.05)
         if job.running and job.process is not None:
             with suppress(ProcessLookupError):
                 os.killpg(job.process.pid, signal.SIGKILL)

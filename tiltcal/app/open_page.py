@@ -6,6 +6,7 @@ import json
 import tomllib
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,7 @@ from tiltcal.recordings.proposal.statements import (
 )
 from tiltcal.report.series import series_plot, series_traces
 
-LOG, MAPPING = "open.log", "open.mapping"
+LOG, FINDINGS = "open.log", "open.findings"
 FINDING_COLUMNS: Sequence[Column] = (
     ("check", "short"),
     ("channel", "short"),
@@ -72,10 +73,17 @@ def build(session: Session) -> None:
     heading("Channels and findings")
     Section(
         session,
-        (RECORDING, SEGMENTS, FILES),
+        (RECORDING, SEGMENTS, FILES, FINDINGS),
         lambda: _inspected(session),
-        _channels(session),
-        lambda: stamp_of(session, RECORDING, SEGMENTS),
+        _channels,
+        lambda: (stamp_of(session, RECORDING, SEGMENTS), _is_inspected(session)),
+    )
+    Section(
+        session,
+        (RECORDING, FILES),
+        lambda: _inspect(session),
+        partial(_show_findings, session),
+        lambda: stamp_of(session, RECORDING),
     )
     heading("Scenario")
     _scenario(session)
@@ -326,13 +334,28 @@ class Inspected:
     segments: Sequence[tc.Segment]
 
 
+def _is_inspected(session: Session) -> bool:
+    return stamp_of(session, RECORDING) in session.inspected
+
+
 def _inspected(session: Session) -> Inspected | None:
+    """What is drawn: at once without the findings, and again with them when they are known."""
     name = session.chosen(RECORDING)
     if not name:
         return None
     recording = read_recording(session, name)
-    findings = session.read(name, "findings", lambda: tc.inspect(recording))
-    return Inspected(recording, findings, read_dwells(session, recording))
+    findings = _inspect(session) if _is_inspected(session) else ()
+    return Inspected(recording, findings or (), read_dwells(session, recording))
+
+
+def _inspect(session: Session) -> Sequence[Finding] | None:
+    name = session.chosen(RECORDING)
+    if not name:
+        return None
+    recording = read_recording(session, name)
+    found = session.read(name, "findings", lambda: tc.inspect(recording))
+    session.inspected.add(stamp_of(session, RECORDING))
+    return found
 
 
 def read_recording(session: Session, name: str) -> tc.Recording:
@@ -353,22 +376,22 @@ def read_dwells(session: Session, recording: tc.Recording) -> Sequence[tc.Segmen
         return ()
 
 
-def _channels(session: Session) -> Any:
-    def show(found: Inspected | None) -> None:
-        if found is None:
-            need("Choose a recording, or import a log.")
-            return
-        plot = series_plot(found.recording, found.findings, found.segments)
-        Figure(plot, ranged=lambda within: series_traces(found.recording, within))
-        rows = [
-            [f.kind, ", ".join(f.columns), str(f.count), f.statement, f.repair]
-            for f in found.findings
-        ]
-        Table(FINDING_COLUMNS, rows, empty="The checks of the data find nothing.")
-        name = session.text(RECORDING)
-        CommandLine(f'tc.inspect(tc.read("{name}"))', "in Python")
+def _channels(found: Inspected | None) -> None:
+    if found is None:
+        need("Choose a recording, or import a log.")
+        return
+    plot = series_plot(found.recording, found.findings, found.segments)
+    Figure(plot, ranged=lambda within: series_traces(found.recording, within))
 
-    return show
+
+def _show_findings(session: Session, found: Sequence[Finding] | None) -> None:
+    if found is None:
+        return
+    rows = [[f.kind, ", ".join(f.columns), str(f.count), f.statement, f.repair] for f in found]
+    Table(FINDING_COLUMNS, rows, empty="The checks of the data find nothing.")
+    CommandLine(f"tc.inspect(tc.read({session.text(RECORDING)!r}))", "in Python")
+    if found:
+        session.tell(FINDINGS)
 
 
 def _scenario(session: Session) -> None:

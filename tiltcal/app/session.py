@@ -48,6 +48,7 @@ class Session:
         self.jobs = Jobs(self.workspace.folder, lambda: self.tell(JOBS))
         self._listeners: dict[int, Listener] = {}
         self._next = 0
+        self.inspected: set[Hashable] = set()  # stamps of recordings whose findings are known
         self._read = lru_cache(READ)(_loaded)
 
     def text(self, key: str) -> str:

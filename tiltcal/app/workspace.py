@@ -12,6 +12,8 @@ from tiltcal.core.safe_text import COMMANDING
 LONGEST_NAME = 120  # characters: 480 bytes of UTF-8 at most are cut by no part name
 RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
 """Names of devices on Windows, with any ending."""
+CALIBRATION = r'\s*\{\s*"schema"[^{]*"method"'
+"""Beginning of CAL.json: its method comes before any table."""
 PEEK = 4096  # bytes that tell a kind of file
 DEPTH = 2  # folders of results are one below; their parts are not listed
 LOGS = {
@@ -162,7 +164,7 @@ def kind_of(path: Path) -> str:
     if suffix == ".csv":
         return _kind_of_csv(text)
     if suffix == ".json":
-        return "calibration" if '"verdict"' in text and '"parameters"' in text else "other"
+        return "calibration" if re.match(CALIBRATION, text) else "other"
     if "[[column]]" in text:
         return "mapping"
     return "scenario" if "[rig]" in text or "[[sensor]]" in text else "other"

@@ -1,12 +1,13 @@
 """``tiltcal app``."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.cli.options import WHOLE, between
-from tiltcal.cli.output import print_line, print_note
+from tiltcal.cli.options import WHOLE, Json, between
+from tiltcal.cli.output import print_json, print_line, print_note
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder
 from tiltcal.core.optional_library import library
@@ -29,6 +30,7 @@ def app(
         str | None,
         Parameter(help="Token of the address instead of one that is drawn and valid once."),
     ] = None,
+    as_json: Json = False,
 ) -> int:
     """Open the bench in a browser: import, calibrate, certify, diagnose, plan.
 
@@ -54,13 +56,14 @@ def app(
         print_note(
             f"{host}: other machines can reach this address, and what they send is not encrypted"
         )
-    serve(make_folder(workspace), host, port, token, print_address, not no_browser)
+
+    def show(address: str) -> None:
+        """Print where the application is, at once."""
+        if as_json:
+            print_json({"address": address, "workspace": str(workspace.absolute())})
+        else:
+            print_line(address)
+        sys.stdout.flush()
+
+    serve(make_folder(workspace), host, port, token, show, not no_browser)
     return 0
-
-
-def print_address(address: str) -> None:
-    """Print where the application is, at once."""
-    import sys
-
-    print_line(address)
-    sys.stdout.flush()

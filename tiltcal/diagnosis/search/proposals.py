@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tiltcal.diagnosis.data_faults.quantisation_limit import above_codes
 from tiltcal.diagnosis.hypotheses.priors import kind
 from tiltcal.diagnosis.search.explanation import explained_by
 from tiltcal.diagnosis.search.possible_sizes import possible
@@ -9,6 +10,7 @@ from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import Proposal, State
 
 LOOKED_AT = 14  # hypotheses of the largest evidence whose deviations are worked out
+HALF = 0.5  # of the best score, or of what is needed: what has less is not looked at further
 
 
 def proposals(state: State, scan: Scan) -> list[Proposal]:
@@ -16,7 +18,12 @@ def proposals(state: State, scan: Scan) -> list[Proposal]:
     kept with the state: several steps of a search ask for it.
     """
     if scan not in state.proposals:
-        found = [p for p in looked_at(state, scan) if possible(p.explanation.terms[0])]
+        found = [
+            p
+            for p in looked_at(state, scan)
+            if possible(p.explanation.terms[0])
+            and above_codes(p.explanation.terms, state.fitted, state.whitened)
+        ]
         state.proposals[scan] = sorted(found, key=lambda p: -p.score)
     return state.proposals[scan]
 

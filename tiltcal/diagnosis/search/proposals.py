@@ -10,7 +10,6 @@ from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import Proposal, State
 
 LOOKED_AT = 14  # hypotheses of the largest evidence whose deviations are worked out
-HALF = 0.5  # of the best score, or of what is needed: what has less is not looked at further
 
 
 def proposals(state: State, scan: Scan) -> list[Proposal]:

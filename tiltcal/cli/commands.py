@@ -89,6 +89,10 @@ VALIDATION = {
     "demo": Command("demo:demo", "Run a tour of the main functions."),
 }
 SHELL = {
+    "app": Command(
+        "app_command:bench_app",
+        "Open the bench in a browser: import, calibrate, diagnose and plan.",
+    ),
     "completion": Command(
         "completion:completion", "Print or install the completion script of a shell."
     ),

@@ -1,0 +1,1 @@
+"""The bench in a browser: a local web application over the commands."""

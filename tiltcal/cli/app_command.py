@@ -1,14 +1,15 @@
 """``tiltcal app``."""
 
 import socket
+import sys
 import webbrowser
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.cli.options import WHOLE, between
-from tiltcal.cli.output import print_line
+from tiltcal.cli.options import WHOLE, Json, between
+from tiltcal.cli.output import print_json, print_line
 from tiltcal.cli.serve import host_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.optional_library import library
@@ -33,6 +34,7 @@ def bench_app(
     browser: Annotated[
         bool, Parameter(negative="--no-browser", help="Open the address in a browser.")
     ] = True,
+    as_json: Json = False,
 ) -> int:
     """Open the bench in a browser: import, calibrate, diagnose and plan.
 
@@ -49,7 +51,11 @@ def bench_app(
     used = port or _free_port(host_of(host))
 
     def ready(address: str) -> None:
-        print_line(f"open {address}")
+        if as_json:
+            print_json({"address": address})
+        else:
+            print_line(f"open {address}")
+        sys.stdout.flush()
         if browser:
             webbrowser.open(address)
 

@@ -287,11 +287,27 @@ def test_two_tabs_and_a_reload_show_the_same(served):
         assert wrong == []
 
 
+def test_the_guide_follows_a_recording_and_writes_what_it_took(served, folder):
+    with browsing(served) as (page, wrong):
+        go_to(page, "Guide")
+        page.get_by_label("Source").fill("run.csv")
+        choose(page, "Method", "six_position")
+        page.get_by_role("button", name="Start", exact=True).click()
+        page.get_by_text(re.compile("1 dwells of about")).wait_for()
+        page.get_by_text(re.compile("reads: accel_x")).wait_for()
+        page.get_by_role("button", name="Stop", exact=True).click()
+        page.get_by_text("Stopped.").wait_for()
+        page.get_by_role("button", name="Save recording and calibration").click()
+        page.get_by_text(re.compile("written to guided")).wait_for()
+        assert len(tc.read(folder / "guided" / "recording.csv")) > 500
+        assert wrong == []
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_telephone_shows_every_page_without_scrolling_sideways(served, scheme):
     small = {"viewport": {"width": 390, "height": 844}, "color_scheme": scheme}
     with browsing(served, **small) as (page, wrong):
-        for tab in ("Open", "Recording", "Calibrate", "Diagnose", "Plan"):
+        for tab in ("Open", "Recording", "Calibrate", "Diagnose", "Plan", "Guide"):
             go_to(page, tab)
             assert page.evaluate("document.documentElement.scrollWidth") <= 390, tab
         assert wrong == []

@@ -7,9 +7,10 @@
     calibration = bench.calibrate(recording, "six_position")
 
 The names in ``__all__`` are the stable interface; each is loaded when it is first asked for. The
-rooms below, each of which imports only from those after it: ``cli`` (the commands), ``api`` (what
-programs call), ``report``, ``diagnosis``, ``design`` and ``validation``, ``calibration`` and
-``laboratory``, ``recordings``, ``forward``, ``effects``, ``setup``, ``statistics``, ``core``. The
+rooms below, each of which imports only from those after it: ``cli`` (the commands), ``guide``
+(what to record next, live), ``api`` (what programs call), ``report``, ``diagnosis``, ``design``
+and ``validation``, ``calibration`` and ``laboratory``, ``recordings``, ``forward``, ``effects``,
+``setup``, ``statistics``, ``core``. The
 simulator (package ``tiltsim``) imports tiltcal, never the other way round.
 """
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from tiltcal.api.scenario import Scenario, correct, load_scenario, parse_scenario
     from tiltcal.calibration.result import Calibration, Estimate, load_calibration
     from tiltcal.core.errors import TiltcalError
+    from tiltcal.guide.guide import Guide
+    from tiltcal.guide.state import GuideState
     from tiltcal.laboratory.instrument.instrument import Instrument
     from tiltcal.laboratory.instrument.wrap import wrap
     from tiltcal.recordings.recording import Recording
@@ -41,6 +44,8 @@ __all__ = [
     "DesignedSequence",
     "Diagnosis",
     "Estimate",
+    "Guide",
+    "GuideState",
     "Instrument",
     "Recording",
     "Scenario",
@@ -68,6 +73,8 @@ _MODULES = {
     "api.scenario": ("Scenario", "correct", "load_scenario", "parse_scenario"),
     "calibration.result": ("Calibration", "Estimate", "load_calibration"),
     "core.errors": ("TiltcalError",),
+    "guide.guide": ("Guide",),
+    "guide.state": ("GuideState",),
     "laboratory.instrument.instrument": ("Instrument",),
     "laboratory.instrument.wrap": ("wrap",),
     "recordings.recording": ("Recording",),

@@ -7,6 +7,7 @@ from typing import Any
 from nicegui import background_tasks, run, ui
 
 from tiltcal.app.jobs import Job
+from tiltcal.app.live import Live
 from tiltcal.app.workspace import Workspace
 from tiltcal.core.errors import TiltcalError
 
@@ -24,6 +25,7 @@ class Bench:
     def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
         self.job: Job | None = None
+        self.live: Live | None = None
         self._drawn: dict[str, Callable[[], Any]] = {}
 
     @property

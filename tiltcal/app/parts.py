@@ -15,13 +15,8 @@ GRID = "rgba(128, 128, 128, 0.25)"
 VERDICTS = {"good": "positive", "match": "positive", "explained": "positive", "suspect": "warning"}
 
 
-def figure(plot: Plot, on_zoom: Callable[[float, float], None] | None = None) -> ui.plotly:
-    """A plot of a report.
-
-    Args:
-        plot: to show.
-        on_zoom: is called with the ends of the range that is looked at.
-    """
+def drawn(plot: Plot, pans: bool = False) -> dict[str, Any]:
+    """A plot of a report as plotly draws it here. pans: whether dragging moves the range."""
     text = plot.to_json()
     for name, hex_code in zip(PALETTE, COLOURS, strict=True):
         text = text.replace(name, hex_code)
@@ -39,16 +34,26 @@ def figure(plot: Plot, on_zoom: Callable[[float, float], None] | None = None) ->
         "legend": {"orientation": "h", "y": 1.12},
         "xaxis": axis | layout.get("xaxis", {}),
         "yaxis": axis | layout.get("yaxis", {}),
-        "dragmode": "pan" if on_zoom else layout.get("dragmode", "zoom"),
+        "dragmode": "pan" if pans else layout.get("dragmode", "zoom"),
     }
     # responsive: a plot whose page is left would be resized out of sight, which is an error
-    config = {"displaylogo": False, "responsive": False, "scrollZoom": on_zoom is not None}
-    drawn = ui.plotly({"data": found["data"], "layout": layout, "config": config})
-    drawn.classes("w-full").props(f'role=img aria-label="{_attribute(plot.alternative)}"')
+    config = {"displaylogo": False, "responsive": False, "scrollZoom": pans}
+    return {"data": found["data"], "layout": layout, "config": config}
+
+
+def figure(plot: Plot, on_zoom: Callable[[float, float], None] | None = None) -> ui.plotly:
+    """A plot of a report.
+
+    Args:
+        plot: to show.
+        on_zoom: is called with the ends of the range that is looked at.
+    """
+    shown = ui.plotly(drawn(plot, on_zoom is not None))
+    shown.classes("w-full").props(f'role=img aria-label="{_attribute(plot.alternative)}"')
     ui.label(plot.caption).classes("text-xs text-gray-500")
     if on_zoom is not None:
-        drawn.on("plotly_relayout", lambda event: _zoomed(event.args, on_zoom))
-    return drawn
+        shown.on("plotly_relayout", lambda event: _zoomed(event.args, on_zoom))
+    return shown
 
 
 def _zoomed(told: dict[str, Any], on_zoom: Callable[[float, float], None]) -> None:

@@ -12,6 +12,7 @@ from tiltcal.app.bench import Bench, progress
 from tiltcal.app.calibrate_page import calibrate_page
 from tiltcal.app.diagnose_page import diagnose_page
 from tiltcal.app.guard import Guard, Keys
+from tiltcal.app.guide_page import guide_page
 from tiltcal.app.open_page import open_page
 from tiltcal.app.plan_page import plan_page
 from tiltcal.app.recording_page import recording_page
@@ -24,6 +25,7 @@ TABS = {
     "Calibrate": calibrate_page,
     "Diagnose": diagnose_page,
     "Plan": plan_page,
+    "Guide": guide_page,
 }
 STYLE = Path(__file__).with_name("style.css")
 HTML = "sandbox allow-scripts; default-src 'unsafe-inline' data: blob:; frame-ancestors 'self'"

@@ -32,6 +32,7 @@ class Choices(BaseModel):
         options: of it, KEY=VALUE.
         stated: what only the laboratory knows, for the certificate.
         plan: options of the design.
+        guide: source, goals and method of the live guide.
         tab: that is shown.
     """
 
@@ -43,6 +44,7 @@ class Choices(BaseModel):
     options: str = ""
     stated: dict[str, str] = {}
     plan: dict[str, str] = {}
+    guide: dict[str, str] = {}
     tab: str = "Open"
 
 

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from tiltcal.cli.options import WHOLE, Json, between
 from tiltcal.cli.output import print_json, print_line
-from tiltcal.cli.serve import host_of
+from tiltcal.core.addresses import host_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.optional_library import library
 

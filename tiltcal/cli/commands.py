@@ -34,6 +34,9 @@ CALIBRATION = {
     "calibrate": Command(
         "calibrate:calibrate", "Estimate parameters with covariance, tests and a verdict."
     ),
+    "guide": Command(
+        "guide:guide", "Guide a calibration while it is recorded: next pose, sigmas, faults."
+    ),
     "correct": Command("correct:correct", "Correct a recording, streaming in constant memory."),
     "estimate": Command(
         "estimate:estimate", "Feed a recorded file to an estimator, sample by sample."

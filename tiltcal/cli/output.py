@@ -4,10 +4,12 @@ what comes from files and arguments cannot command it.
 
 import io
 import json
+import os
+import select
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from math import isfinite
@@ -253,3 +255,42 @@ def progress_line() -> Iterator[Progress]:
     console = Console(stderr=True)
     with console.status("working ...") as status:
         yield lambda text: status.update(Text(plain(text)))
+
+
+def on_terminal() -> bool:
+    """Whether somebody watches stderr."""
+    return sys.stderr.isatty() and not _quiet.get()
+
+
+@contextmanager
+def live_text() -> Iterator[Callable[[str], None]]:
+    """A text of several lines on a terminal's stderr, which each call replaces."""
+    from rich.console import Console
+    from rich.live import Live
+    from rich.text import Text
+
+    console = Console(stderr=True)
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+        yield lambda text: live.update(Text(plain(text), no_wrap=True), refresh=True)
+
+
+class TypedLines:
+    """Lines that somebody types, or a program pipes in, while something else goes on."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+        try:
+            self._input: int | None = sys.stdin.fileno()
+        except (OSError, ValueError, AttributeError):
+            self._input = None
+
+    def read(self) -> list[str]:
+        """The lines that have come since the last call."""
+        if self._input is None or not select.select([self._input], [], [], 0)[0]:
+            return []
+        data = os.read(self._input, 4096)
+        if not data:
+            self._input = None
+            return []
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        return [line.decode(errors="replace").strip() for line in lines]

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json
-from tiltcal.cli.serve import address
+from tiltcal.core.addresses import address
 from tiltcal.core.files import require_document
 from tiltcal.laboratory.serve.client import SequenceRecorder, TableClient
 from tiltcal.recordings.saving import write_recording

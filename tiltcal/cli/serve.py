@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-import re
 import signal
 import sys
 from typing import Annotated, Any, Literal
@@ -12,7 +11,7 @@ from cyclopts import Parameter
 from tiltcal.api.simulating import seed_used, simulator
 from tiltcal.cli.options import SEED, WHOLE, Json, ScenarioFile, between
 from tiltcal.cli.output import print_json, print_line
-from tiltcal.core.errors import TiltcalError, shown
+from tiltcal.core.addresses import address, host_of
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario
@@ -20,7 +19,6 @@ from tiltcal.laboratory.serve.rate_table import MechanicalLaboratory, RateTable
 from tiltcal.laboratory.serve.server import Server, Wires
 
 PORT = Parameter(converter=WHOLE.converter, validator=between(0, 65535))
-PORT_NUMBER = re.compile("[0-9]{1,5}")
 
 
 def serve(
@@ -102,35 +100,3 @@ async def _serve(server: Server, as_json: bool) -> int:
 def _settle(ended: "asyncio.Future[int]", number: int) -> None:
     if not ended.done():
         ended.set_result(number)
-
-
-def address(text: str) -> tuple[str, int]:
-    """HOST:PORT in two.
-
-    Raises:
-        TiltcalError: it is not of that form.
-    """
-    host, _, port = text.rpartition(":")
-    if not host or not PORT_NUMBER.fullmatch(port) or not 0 < int(port) < 65536:
-        raise TiltcalError(
-            "address", found=f"'{text}'", need="HOST:PORT, such as 127.0.0.1:5025", do="correct it"
-        )
-    return host_of(host), int(port)
-
-
-def host_of(text: str) -> str:
-    """The name or the number of a machine.
-
-    Raises:
-        TiltcalError: no machine can have that name.
-    """
-    try:
-        text.encode("idna")
-    except UnicodeError as error:
-        raise TiltcalError(
-            "host",
-            found=shown(text),
-            need="a name or an address, such as 127.0.0.1",
-            do="correct it",
-        ) from error
-    return text

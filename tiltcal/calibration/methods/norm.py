@@ -73,7 +73,7 @@ def norm(
     used = pick_sensor(setup, recording, ("accelerometer",), sensor, NAME)
     require_triad(used, NAME, "use six_position")
     live = data_tests(recording, used)
-    terms = _number_of_terms(terms, used)
+    terms = number_of_terms(terms, used)
     poses = find_poses(recording, setup, used, segments)
     _require_poses(poses, terms, recording)
     live += outlier_tests(recording, poses)
@@ -145,8 +145,16 @@ def _solved(
     return replace(result, own_frame=True, provenance={**result.provenance, **record})
 
 
-def _number_of_terms(terms: int | None, sensor: Sensor) -> int:
-    """6 or 9: as asked for, else as the scenario lets cross_axis be adjusted."""
+def number_of_terms(terms: int | None, sensor: Sensor) -> int:
+    """6 or 9: as asked for, else as the scenario lets cross_axis be adjusted.
+
+    Args:
+        terms: asked for; None: nothing was.
+        sensor: a triad.
+
+    Raises:
+        TiltcalError: it is another number.
+    """
     if terms is None:
         return 9 if not sensor.adjustable or "cross_axis" in sensor.adjustable else 6
     if terms not in (6, 9):

@@ -258,19 +258,30 @@ def test_from_a_recording_to_certificate_diagnosis_and_plan(served, folder):
 
 def test_the_command_that_is_shown_is_the_one_that_ran(served, folder):
     with browsing(served) as (page, _):
+        go_to(page, "Open")
+        choose(page, "Recording of the workspace", "run.csv")
+        choose(page, "Scenario of the workspace", "bench.toml")
         go_to(page, "Calibrate")
+        choose(page, "Method", "six_position")
         line = page.locator(".command").first.inner_text().split()
     program, *words = line
     assert program == "tiltcal"
-    before = json.loads((folder / "CAL.json").read_text())
-    (folder / "CAL.json").unlink()
+    words_of_page = ["calibrate", "run.csv", "--scenario", "bench.toml"]
+    assert words[:4] == words_of_page
+    (folder / "CAL.json").unlink(missing_ok=True)
     here = Path.cwd()
     try:
         os.chdir(folder)
         assert tiltcal(words) in (0, 1)
     finally:
         os.chdir(here)
-    assert json.loads((folder / "CAL.json").read_text())["parameters"] == before["parameters"]
+    own = tc.load_scenario(folder / "bench.toml").calibrate(
+        tc.read(folder / "run.csv"), "six_position"
+    )
+    found = tc.load_calibration(folder / "CAL.json")
+    assert {n: p.value for n, p in found.parameters.items()} == pytest.approx(
+        {n: p.value for n, p in own.parameters.items()}
+    )
 
 
 def test_two_tabs_and_a_reload_show_the_same(served):
@@ -289,6 +300,8 @@ def test_two_tabs_and_a_reload_show_the_same(served):
 
 def test_the_guide_follows_a_recording_and_writes_what_it_took(served, folder):
     with browsing(served) as (page, wrong):
+        go_to(page, "Open")
+        choose(page, "Scenario of the workspace", "bench.toml")
         go_to(page, "Guide")
         page.get_by_label("Source").fill("run.csv")
         choose(page, "Method", "six_position")

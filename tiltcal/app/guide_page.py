@@ -127,6 +127,7 @@ def _actions(bench: Bench, live: Live) -> None:
 
 def _head(live: Live) -> None:
     """Where the dividing head stands: as proposed, or as typed."""
+
     def state_it() -> None:
         try:
             live.set_angles(parse_angles(typed.value, live.guide.axes))

@@ -8,7 +8,7 @@ from tiltcal.app.live import Live
 from tiltcal.app.parts import command_line, drawn, figure, notes, table
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import unit_sign
-from tiltcal.guide.goals import parse_goals
+from tiltcal.design.goals import parse_goals
 from tiltcal.guide.state import GuideState
 from tiltcal.guide.typed_angles import parse_angles
 from tiltcal.report.plots import Plot, colour

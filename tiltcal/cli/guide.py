@@ -21,7 +21,7 @@ from tiltcal.cli.output import (
     print_note,
 )
 from tiltcal.core.errors import TiltcalError
-from tiltcal.guide.goals import parse_goals
+from tiltcal.design.goals import parse_goals
 from tiltcal.guide.guide import Guide
 from tiltcal.guide.sources import (
     ServedTable,

@@ -6,7 +6,7 @@ left.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -23,6 +23,8 @@ COVERAGE = 2.0
 NEAR = 1.03  # a time that is no longer than this times a known too short one is the least: a
 # sigma differs by half of that
 TRIALS = 12
+_NUMBER = re.compile(r"\s*([-+0-9.eE]+?)\s*(?:([a-zA-Z][a-zA-Z0-9_]*))?\s*")
+_SI = {"1": "unitless"}
 Found = TypeVar("Found")
 
 
@@ -50,8 +52,8 @@ class Goal:
 
 
 def goals_of(texts: Sequence[str], model: Model) -> tuple[Goal, ...]:
-    """Goals as they are written: ``accel.bias=30ug`` for all parameters whose name begins so,
-    ``accel.bias_x=30``, ``tilt=5arcsec``, ``U=0.01deg``.
+    """Goals as they are written, for parameters of interest, the tilt and its expanded uncertainty:
+    ``accel.bias=30ug``, ``accel.bias_x=30``, ``tilt=5arcsec``, ``U=0.01deg``.
 
     Args:
         texts: NAME=VALUE with or without a unit; without, it is that of the parameter, arcsec.
@@ -60,55 +62,99 @@ def goals_of(texts: Sequence[str], model: Model) -> tuple[Goal, ...]:
     Raises:
         TiltcalError: a text does not read, or no parameter of interest has that name.
     """
-    return tuple(goal for text in texts for goal in _goals(text, model))
+    named = zip(model.names, model.units, model.interest, strict=True)
+    units = {TILT: "arcsec", EXPANDED: "arcsec"} | {n: unit for n, unit, wanted in named if wanted}
+    limits = limits_of(parse_goals(texts), units)
+    return tuple(Goal(name, limits[name], units[name]) for name in units if name in limits)
 
 
-def _goals(text: str, model: Model) -> list[Goal]:
-    name, _, rest = text.partition("=")
-    value, unit = _value(text, rest)
-    wanted = [n for n, inside in zip(model.names, model.interest, strict=True) if inside]
-    named = {TILT: "arcsec", EXPANDED: "arcsec"} | dict(zip(model.names, model.units, strict=True))
-    found = [n for n in (TILT, EXPANDED, *wanted) if n == name or n.startswith(f"{name}_")]
-    if not found:
+def limits_of(
+    asked: Mapping[str, str | float], units: Mapping[str, str], subject: str = "goal"
+) -> dict[str, float]:
+    """Goal of each parameter that is named, in the unit of the calibration.
+
+    Args:
+        asked: by kind (``bias``, ``accel.bias``) or name (``bias_x``, ``accel.bias_x``): number
+            and unit, such as ``50ug``; a bare number is in the unit of CAL.json.
+        units: of each parameter, by name, as in CAL.json.
+        subject: of messages.
+
+    Raises:
+        TiltcalError: a name is no parameter, or a value is no positive number with a unit that
+            fits.
+    """
+    named = {key: [name for name in units if key in _keys(name)] for key in asked}
+    for key in (key for key, names in named.items() if not names):
+        known = sorted({k for name in units for k in _keys(name)})
         raise TiltcalError(
-            f"goal {text}",
-            found=f"no parameter of interest {name}",
-            need=f"the name of a parameter, {TILT} or {EXPANDED}",
-            do=nearest(name, [TILT, EXPANDED, *wanted]),
+            f"{subject} {key}",
+            found="no such parameter",
+            need=f"a kind such as {', '.join(sorted({_kind(n) for n in units}))}",
+            do=nearest(key, known),
         )
-    return [Goal(n, _converted(text, value, unit, named[n]), named[n]) for n in found]
+    found: dict[str, float] = {}
+    for key in sorted(named, key=lambda key: -len(named[key])):  # one parameter beats its kind
+        found |= {n: _in_unit(asked[key], units[n], f"{subject} {key}") for n in named[key]}
+    return found
 
 
-def _value(text: str, rest: str) -> tuple[float, str]:
-    """Number and unit, as they are written."""
-    read = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*([A-Za-z]\w*)?\s*", rest)
+def parse_goals(texts: Sequence[str]) -> dict[str, str]:
+    """``("accel.bias=50ug", ...)`` as a mapping.
+
+    Raises:
+        TiltcalError: one is not of the form KIND=VALUE.
+    """
+    found = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not (key and equals and value):
+            raise TiltcalError(
+                f"--goal {text}",
+                found="no KIND=SIGMA",
+                need="for example accel.bias=50ug",
+                do="correct it",
+            )
+        found[key.strip()] = value.strip()
+    return found
+
+
+def _kind(name: str) -> str:
+    """``accel.bias_x`` -> ``accel.bias``."""
+    return name.rpartition("_")[0]
+
+
+def _keys(name: str) -> set[str]:
+    """What may stand for a parameter: itself or its kind, with its sensor or without."""
+    return {key for full in (name, _kind(name)) for key in (full, full.partition(".")[2])}
+
+
+def _in_unit(value: str | float, unit: str, subject: str) -> float:
+    own = PARAMETER_UNITS.get(_SI.get(unit, unit))
+    matched = _NUMBER.fullmatch(str(value))
     try:
-        value = float(read[1]) if read else 0.0
+        number = float(matched[1]) if matched else float("nan")
     except ValueError:
-        value = 0.0
-    if read is None or not 0 < value < np.inf:
+        number = float("nan")
+    if matched is None or not 0 < number < float("inf"):
         raise TiltcalError(
-            f"goal {text}",
-            found="no NAME=VALUE with a value above zero",
-            need=f"a goal such as accel.bias=30ug or {TILT}=5arcsec",
+            subject,
+            found=f"'{value}'",
+            need="a positive number and its unit, such as 50ug",
             do="correct it",
         )
-    return value, read[2] or ""
-
-
-def _converted(text: str, value: float, given: str, unit: str) -> float:
-    """A value in the unit of its parameter."""
-    if given in ("", unit):
-        return value
-    theirs, ours = PARAMETER_UNITS.get(given), PARAMETER_UNITS.get(unit)
-    if theirs is None or ours is None or theirs.quantity != ours.quantity:
+    if not matched[2] or own is None:
+        return number
+    stated = PARAMETER_UNITS.get(matched[2])
+    same = {own.quantity} | ({"angle"} if own.quantity == "ratio" else set())
+    if stated is None or stated.quantity not in same:
+        fitting = [n for n, u in PARAMETER_UNITS.items() if n and u.quantity in same]
         raise TiltcalError(
-            f"goal {text}",
-            found=f"unit {given}",
-            need=f"{unit}, or another unit of the same quantity",
-            do="convert it",
+            subject,
+            found=f"unit {matched[2]}",
+            need=f"one of {', '.join(fitting)}",
+            do=nearest(matched[2], fitting),
         )
-    return value * theirs.factor / ours.factor
+    return number * stated.factor / own.factor
 
 
 def least_time(

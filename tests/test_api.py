@@ -20,6 +20,8 @@ NAMES = {
     "DesignedSequence",
     "Diagnosis",
     "Estimate",
+    "Guide",
+    "GuideState",
     "Instrument",
     "Recording",
     "Scenario",

@@ -89,7 +89,7 @@ def limits_of(
         raise TiltcalError(
             f"{subject} {key}",
             found="no such parameter",
-            need=f"a kind such as {', '.join(sorted({_kind(n) for n in units}))}",
+            need=f"{', '.join(dict.fromkeys(_kind(n) or n for n in units))}, or one parameter",
             do=nearest(key, known),
         )
     found: dict[str, float] = {}
@@ -125,7 +125,8 @@ def _kind(name: str) -> str:
 
 def _keys(name: str) -> set[str]:
     """What may stand for a parameter: itself or its kind, with its sensor or without."""
-    return {key for full in (name, _kind(name)) for key in (full, full.partition(".")[2])}
+    every = (k for full in (name, _kind(name)) for k in (full, full.partition(".")[2]))
+    return {key for key in every if key}
 
 
 def _in_unit(value: str | float, unit: str, subject: str) -> float:

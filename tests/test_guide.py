@@ -90,6 +90,17 @@ def test_it_stops_at_the_goal_and_not_before() -> None:
     assert all(p.sigma <= 18 for n, p in strict.state.parameters.items() if ".bias_" in n)
 
 
+def test_what_stays_suspect_ends_after_three_more_dwells() -> None:
+    """Faces 0.06 to 0.12 deg off what they are stated to be: ten times the noise and more."""
+    goal: dict[str, str | float] = {"bias": "20mg", "scale": "2percent", "cross": "2percent"}
+    guide = tc.Guide(bench(), "six_position", goal=goal)
+    assert follow(guide, Hand(off_deg=0.1)) == 9
+    assert guide.state.reached
+    assert guide.state.verdict == "suspect"
+    assert guide.state.instruction.endswith("did not mend what is suspect")
+    assert "fit" in kinds(guide)
+
+
 def test_needs_no_more_than_the_design_promises_and_two() -> None:
     """On a dividing head, to the sigmas of `tiltcal design` with as long dwells."""
     where = bench("dual")

@@ -11,6 +11,7 @@ ROOMS = (
     "reading",
     "formats",
     "instrument",
+    "guiding",
     "information",
     "own_model",
     "placing",

@@ -461,7 +461,10 @@ class Guide:
         if not self._stream.rows:
             return "wait", "waiting for samples"
         if self.done:
-            return "done", f"done: {len(self._used)} dwells, every goal is reached"
+            calibration = self._progress.calibration
+            good = calibration is not None and calibration.verdict == "good"
+            but = "" if good else "; further dwells did not mend what is suspect"
+            return "done", f"done: {len(self._used)} dwells, every goal is reached{but}"
         present = self._present
         if self._look.standing and (present is None or not present.counted):
             return "hold", f"hold still: {max(self._hold - held, 0.0):.0f} s"

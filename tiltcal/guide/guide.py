@@ -187,7 +187,7 @@ class Guide:
         held = 0.0 if present is None or not self._look.standing else now - present.start
         calibration = self._progress.calibration
         action, instruction = self._action(held)
-        used = sum(not d.reason for d in self._dwells)
+        used = self._used
         return GuideState(
             manner=self.manner,
             action=action,
@@ -200,8 +200,8 @@ class Guide:
             standing=self._look.standing,
             held_s=held,
             hold_s=self._hold,
-            dwells=tuple(d.shown() for d in self._dwells),
-            expected_dwells=None if self._further is None else used + self._further,
+            dwells=tuple(d.shown(d in used) for d in self._dwells),
+            expected_dwells=None if self._further is None else len(used) + self._further,
             next=None if self.done else self._shown_next(),
             parameters=self._parameters,
             notices=self._notices(),

@@ -76,7 +76,8 @@ class Dwell:
         up: up in the body frame; None where the angles are not typed yet.
         label: of the nearest face or direction; empty where up is not known.
         angles_deg: of the table axes; empty by hand.
-        used: False where it was rejected, by the guide or by the operator.
+        used: False where it was rejected, by the guide or by the operator, or its angles are not
+            typed.
         reason: why it was rejected; else empty.
     """
 

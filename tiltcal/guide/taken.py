@@ -77,12 +77,10 @@ class Taken:
         start, end = float(stream.time[rows.start]), float(stream.time[rows.stop - 1])
         return Segment(start, end, rows.start, rows.stop, "dwell", label)
 
-    def shown(self) -> Dwell:
-        """The dwell for the state."""
+    def shown(self, used: bool) -> Dwell:
+        """The dwell for the state; ``used``: whether it enters the fit."""
         up = None if self.up is None else triple(self.up)
-        return Dwell(
-            self.start, self.end, up, self.label, dict(self.angles), not self.reason, self.reason
-        )
+        return Dwell(self.start, self.end, up, self.label, dict(self.angles), used, self.reason)
 
 
 def nearest_label(up: Array) -> str:

@@ -27,14 +27,18 @@ def thinned(time: Array, values: Array, buckets: int = BUCKETS) -> tuple[Array, 
     read = np.flatnonzero(~np.isnan(values))
     if len(read) <= 2 * buckets:
         return time[read], values[read]
-    starts = np.linspace(0, len(read), buckets, endpoint=False).astype(int)
-    ends = np.append(starts[1:], len(read))
-    width = int((ends - starts).max())
-    index = np.minimum(starts[:, None] + np.arange(width), ends[:, None] - 1)
-    part = values[read[index]]
-    rows = np.arange(buckets)
-    both = np.sort([index[rows, part.argmin(axis=1)], index[rows, part.argmax(axis=1)]], axis=0)
-    kept = read[both.T.ravel()]
+    shown = values if len(read) == len(values) else values[read]
+    width = -(-len(read) // buckets)
+    whole = len(read) // width
+    inside = shown[: whole * width].reshape(whole, width)
+    starts = np.arange(whole) * width
+    ends = np.sort([starts + inside.argmin(axis=1), starts + inside.argmax(axis=1)], axis=0)
+    rest = shown[whole * width :]
+    places = ends.T.ravel()
+    if len(rest):
+        last = np.sort([rest.argmin(), rest.argmax()]) + whole * width
+        places = np.concatenate([places, last])
+    kept = read[places]
     return time[kept], values[kept]
 
 

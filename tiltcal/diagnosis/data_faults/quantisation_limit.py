@@ -53,7 +53,7 @@ def needs_motion(effect: Effect) -> bool:
 def above_codes(terms: Sequence[FittedTerm], fitted: FittedModel, whitened: WhitenedModel) -> bool:
     """Whether a cause is anywhere larger than what coarse codes do to a reading, or acts on no
     sensor with coarse codes; of a curve, which may be large where it was not held, the part that
-    calibration does not absorb.
+    calibration does not absorb. What only motion shows is hidden where the angles are truncated.
 
     Args:
         terms: the law, then its deviation.
@@ -61,6 +61,8 @@ def above_codes(terms: Sequence[FittedTerm], fitted: FittedModel, whitened: Whit
         whitened: has the sensors with coarse codes.
     """
     floors, observations = whitened.floors, whitened.observations
+    if observations.cut and needs_motion(terms[0].hypothesis.effect):
+        return False
     if not floors:
         return True
     curve = not terms[0].hypothesis.textbook

@@ -219,6 +219,12 @@ def choose(page, label, name):
     page.wait_for_timeout(800)
 
 
+def choose_files(page):
+    go_to(page, "Open")
+    choose(page, "Recording of the workspace", "run.csv")
+    choose(page, "Scenario of the workspace", "bench.toml")
+
+
 def go_to(page, tab):
     page.get_by_role("tab", name=tab).click()
     page.wait_for_timeout(1000)
@@ -226,9 +232,7 @@ def go_to(page, tab):
 
 def test_from_a_recording_to_certificate_diagnosis_and_plan(served, folder):
     with browsing(served) as (page, wrong):
-        go_to(page, "Open")
-        choose(page, "Recording of the workspace", "run.csv")
-        choose(page, "Scenario of the workspace", "bench.toml")
+        choose_files(page)
         go_to(page, "Recording")
         page.get_by_text("6 dwells").wait_for()
         go_to(page, "Calibrate")
@@ -258,9 +262,7 @@ def test_from_a_recording_to_certificate_diagnosis_and_plan(served, folder):
 
 def test_the_command_that_is_shown_is_the_one_that_ran(served, folder):
     with browsing(served) as (page, _):
-        go_to(page, "Open")
-        choose(page, "Recording of the workspace", "run.csv")
-        choose(page, "Scenario of the workspace", "bench.toml")
+        choose_files(page)
         go_to(page, "Calibrate")
         choose(page, "Method", "six_position")
         line = page.locator(".command").first.inner_text().split()
@@ -337,3 +339,23 @@ def test_the_tabs_are_reached_by_the_keyboard(served):
         page.keyboard.press("Enter")
         page.wait_for_timeout(500)
         assert page.locator(".q-tab--active").count() == 1
+
+
+def test_dwells_that_were_kept_are_those_of_their_recording(served, folder):
+    shutil.copy(folder / "run.csv", folder / "second.csv")
+    with browsing(served) as (page, _):
+        choose_files(page)
+        go_to(page, "Recording")
+        page.get_by_role("checkbox", name=re.compile("^2: ")).click()
+        page.get_by_role("button", name="Keep the marked dwells").click()
+        page.get_by_role("button", name="Use all again").wait_for()
+        kept = (folder / "run-dwells.csv").read_text()
+        assert kept.count("dwell") == 5
+        assert "+z" in kept
+        go_to(page, "Calibrate")
+        assert "--segments run-dwells.csv" in page.locator(".command").first.inner_text()
+        go_to(page, "Open")
+        choose(page, "Recording of the workspace", "second.csv")
+        go_to(page, "Calibrate")
+        assert "--segments" not in page.locator(".command").first.inner_text()
+    (folder / "run-dwells.csv").unlink()

@@ -7,7 +7,7 @@ from typing import Any
 
 from tiltcal.api.table_scene import table_in
 from tiltcal.core.arrays import Array
-from tiltcal.core.files import make_folder, write_json, write_text
+from tiltcal.core.files import make_folder
 from tiltcal.core.progress import Progress, silent
 from tiltcal.core.tabular import Tabular
 from tiltcal.core.tasks.engines import Engine
@@ -98,9 +98,7 @@ class DesignedSequence(Tabular):
         folder.
         """
         path = make_folder(Path(folder))
-        write_plan(self.plan, self.scenario, self.up, path)
-        write_text(path / "steps.txt", str(self))
-        write_json(path / "design.json", self.to_json())
+        write_plan(self.plan, self.scenario, self.up, path, str(self), self.to_json())
         poses = poses_of_plan(self.plan, self.up, self.scenario)
         table = table_in(poses, self.scenario)
         title, missing = self.scenario.name, self._missing()

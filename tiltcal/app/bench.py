@@ -67,6 +67,11 @@ class Bench:
             draw()
         _tell()
 
+    @property
+    def segments(self) -> str:
+        """Name of the file of the dwells that were kept of the chosen recording."""
+        return f"{Path(self.workspace.chosen.recording).stem}-dwells.csv"
+
     def path(self, name: str) -> Path:
         """Where a file of the workspace is."""
         return self.workspace.path(name)

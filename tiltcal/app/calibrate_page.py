@@ -7,11 +7,12 @@ from nicegui import ui
 from tiltcal.api.calibrating import estimate
 from tiltcal.app.bench import Bench, read_or_tell
 from tiltcal.app.parts import command_line, notes, page_of, table, verdict
-from tiltcal.app.recording_page import SEGMENTS, chosen_recording
+from tiltcal.app.recording_page import chosen_recording
 from tiltcal.calibration.methods.registry import METHODS
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import readable_unit, unit_sign
-from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.recordings.recording import Recording
 
 CAL, CERTIFICATE, DCC = "CAL.json", "certificate.html", "certificate.xml"
 STATED = {
@@ -53,6 +54,9 @@ def calibrate_page(bench: Bench) -> None:
     ask.on_click(lambda: _asked(bench, place))
     result = bench.workspace.result(CAL)
     if result is not None:
+        source = str(result["provenance"].get("recording", ""))
+        if source.removeprefix("recording ") != chosen.recording:
+            ui.label(f"This is the result of {source}.").classes("text-warning")
         _show(result)
         _certificate(bench)
         _exports(bench)
@@ -62,8 +66,8 @@ def calibrate_page(bench: Bench) -> None:
 def _words(bench: Bench, *more: str) -> tuple[str, ...]:
     chosen = bench.workspace.chosen
     options = [word for option in chosen.options.split() for word in ("--option", option)]
-    if (bench.workspace.folder / SEGMENTS).exists():
-        options += ["--segments", SEGMENTS]
+    if bench.path(bench.segments).exists():
+        options += ["--segments", bench.segments]
     given = ("--scenario", chosen.scenario, "--method", chosen.method)
     return ("calibrate", chosen.recording, *given, *options, "-o", CAL, *more)
 
@@ -77,21 +81,23 @@ async def _asked(bench: Bench, place: ui.column) -> None:
     """Try every method, and list what it says."""
     place.clear()
     with place:
-        found = chosen_recording(bench)
-        if found is None:
+        if (found := chosen_recording(bench)) is None:
             return
-        scenario = await read_or_tell(
-            lambda: load_scenario(bench.path(bench.workspace.chosen.scenario))
-        )
-        if scenario is None:
-            return
-        rows = []
-        for name, method in METHODS.items():
-            try:
-                rows.append([name, estimate(method, found[0], scenario, {})[0].verdict, ""])
-            except TiltcalError as error:
-                rows.append([name, "not possible", f"found {error.found}, need {error.need}"])
-        table(["method", "result", "why not"], rows)
+        path = bench.path(bench.workspace.chosen.scenario)
+        rows = await read_or_tell(lambda: _tried(found[0], load_scenario(path)))
+        if rows is not None:
+            table(["method", "result", "why not"], rows)
+
+
+def _tried(recording: Recording, scenario: Scenario) -> list[list[str]]:
+    """Every method with its verdict, or why it is not possible."""
+    rows = []
+    for name, method in METHODS.items():
+        try:
+            rows.append([name, estimate(method, recording, scenario, {})[0].verdict, ""])
+        except TiltcalError as error:
+            rows.append([name, "not possible", f"found {error.found}, need {error.need}"])
+    return rows
 
 
 def _show(result: dict[str, Any]) -> None:

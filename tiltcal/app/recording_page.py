@@ -2,7 +2,6 @@
 out.
 """
 
-import csv
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -11,17 +10,17 @@ from nicegui import ui
 
 import tiltcal as tc
 from tiltcal.app.bench import Bench
-from tiltcal.app.parts import command_line, figure
+from tiltcal.app.parts import figure
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import split_unit
 from tiltcal.recordings.quality import inspect_recording
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segment_files import write_segments
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.report.poses import poses_of
 from tiltcal.report.scenes import sphere_plot
 from tiltcal.report.series import series_plot
 
-SEGMENTS = "segments.csv"
 MOST_DWELLS = 400  # that are listed
 
 
@@ -112,23 +111,21 @@ def _dwells(bench: Bench, recording: Recording, segments: Sequence[Segment]) -> 
             text = f"{k}: {begin:.2f} s, {s.end - s.start:.2f} s long {s.label or ''}"
             kept.append(ui.checkbox(text, value=True).props("dense"))
 
+    name = bench.segments
+
     def save() -> None:
-        with bench.path(SEGMENTS).open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["start_s", "end_s", "kind"])
-            for s, box in zip(dwells, kept, strict=True):
-                if box.value:
-                    writer.writerow([repr(float(s.start)), repr(float(s.end)), "dwell"])
-        ui.notify(f"{SEGMENTS} holds {sum(box.value for box in kept)} dwells")
-        bench.choose(options=bench.workspace.chosen.options)
+        marked = [s for s, box in zip(dwells, kept, strict=True) if box.value]
+        with bench.path(name).open("w", newline="", encoding="utf-8") as file:
+            write_segments(marked, file)
+        ui.notify(f"{name} holds {len(marked)} dwells; calibrations of this recording use them")
+        bench.draw()
 
     with ui.row():
         ui.button("Keep the marked dwells", on_click=save).props("dense no-caps")
-        if (bench.workspace.folder / SEGMENTS).exists():
+        if bench.path(name).exists():
             ui.button("Use all again", on_click=lambda: _forget(bench)).props("flat dense no-caps")
-    command_line("segments", bench.workspace.chosen.recording, "-o", SEGMENTS)
 
 
 def _forget(bench: Bench) -> None:
-    bench.path(SEGMENTS).unlink(missing_ok=True)
-    bench.choose(options=bench.workspace.chosen.options)
+    bench.path(bench.segments).unlink(missing_ok=True)
+    bench.draw()

@@ -269,7 +269,7 @@ def design_visible_poses(
     up = still.up(plan.angles)
     if output:
         folder = make_folder(output)
-        write_plan(plan, scenario, up, folder)
+        write_plan(plan, scenario, up, folder, printable(plan, up), plan.to_json())
         poses = poses_of_plan(plan, up, scenario)
         page, table_shown = folder / "report.html", table_in(poses, scenario)
         missing = by_need(found)

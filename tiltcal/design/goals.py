@@ -22,7 +22,7 @@ EXPANDED = "U"  # twice that: coverage of 95 % (GUM, 6.2)
 COVERAGE = 2.0
 NEAR = 1.03  # a time that is no longer than this times a known too short one is the least: a
 # sigma differs by half of that
-TRIALS = 12
+TRIALS = 12  # designs at most: the four halvings alone narrow a range to a sixteenth
 _NUMBER = re.compile(r"\s*([-+0-9.eE]+?)\s*(?:([a-zA-Z][a-zA-Z0-9_]*))?\s*")
 _SI = {"1": "unitless"}
 Found = TypeVar("Found")

@@ -172,7 +172,9 @@ def _of_goal(goal: Goal, expected: float) -> str:
     return f"goal {goal.name} {goal.limit:.4g} {goal.unit}: {expected:.4g} expected, {word}"
 
 
-def write_plan(plan: Plan, scenario: Scenario, up: Array, folder: Path) -> None:
+def write_plan(
+    plan: Plan, scenario: Scenario, up: Array, folder: Path, text: str, result: dict[str, Any]
+) -> None:
     """Write design.toml, steps.csv, steps.txt, segments.csv and design.json to a folder.
 
     Args:
@@ -180,6 +182,8 @@ def write_plan(plan: Plan, scenario: Scenario, up: Array, folder: Path) -> None:
         scenario: that it was designed for.
         up: the up direction of each pose in the body frame, (n, 3).
         folder: where.
+        text: that is printed.
+        result: for machines.
     """
     import tomli_w
 
@@ -190,6 +194,6 @@ def write_plan(plan: Plan, scenario: Scenario, up: Array, folder: Path) -> None:
         tomli_w.dumps(designed_table(scenario, steps, f"{scenario.name}, designed")),
     )
     write_text(folder / "steps.csv", steps_csv(steps))
-    write_text(folder / "steps.txt", printable(plan, up))
+    write_text(folder / "steps.txt", text)
     write_text(folder / "segments.csv", segments_csv(plan))
-    write_json(folder / "design.json", plan.to_json())
+    write_json(folder / "design.json", result)

@@ -309,11 +309,10 @@ def best_shape(proposal: Proposal, fitted: FittedModel, whitened: WhitenedModel)
     # the curves of one cause have one shape: those on other axes keep with the first
     whole = isinstance(hypothesis.effect, Learned)
     own = proposal.explanation.terms if whole else proposal.explanation.terms[:1]
-    near: list[Hypothesis] = []
-    for start in (own, *_in_other_kinds(own, whitened)):
-        terms = refined(start, fitted, whitened)
-        if terms[0].hypothesis is not hypothesis:
-            near += [t.hypothesis for t in terms]
+    terms = refined(own, fitted, whitened)
+    others = [refined(start, fitted, whitened) for start in _in_other_kinds(own, whitened)]
+    refinements = [r for r in (terms, *others) if r[0].hypothesis is not hypothesis]
+    near = [t.hypothesis for r in refinements for t in r]
     if (instant := terms[0].hypothesis.instant) is not None:
         scenario = whitened.observations.scenario
         near += list(steps_at(scenario, instant))

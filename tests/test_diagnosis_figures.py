@@ -2,6 +2,7 @@
 its intervals, and slow variation that no instrument has.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -247,9 +248,9 @@ def test_slow_variation_below_the_effect_of_coarse_codes_is_not_told():
     truth = bench(noisy(200.0), noise=False)
     found = prepare(honest(truth), [recorded(truth, 3)])
     left = NoiseSource(None, len(found.whitened.hypotheses)).left_by(found.start, found.whitened)
-    assert slow_variations(left, CLAIM, {})
-    assert slow_variations(left, CLAIM, {"accel": 1e-6})
-    assert not slow_variations(left, CLAIM, {"accel": 1.0})  # m/s2
+    assert slow_variations(left, CLAIM)
+    assert slow_variations(replace(left, floors={"accel": 1e-6}), CLAIM)
+    assert not slow_variations(replace(left, floors={"accel": 1.0}), CLAIM)  # m/s2
 
 
 TINY = 1e-6  # m/s2: beside it a reading is its prediction

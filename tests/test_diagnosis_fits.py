@@ -10,7 +10,7 @@ from builders import FOG, GYRO
 from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.data_faults.prepare import prepare
-from tiltcal.diagnosis.data_faults.quantisation_limit import drop_below_code
+from tiltcal.diagnosis.data_faults.quantisation_limit import above_codes
 from tiltcal.diagnosis.data_faults.setting_errors import lawful_part
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, step_hypotheses
@@ -21,6 +21,7 @@ from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.best_shape import refined
 from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.effects import CATALOGUE
+from tiltcal.effects.data.labelling_faults import DataTruncation
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
 from tiltcal.laboratory.handheld import earlier
@@ -90,16 +91,19 @@ def test_a_step_that_ran_away_is_tried_again_with_damping(monkeypatch):
     assert abs(fitted.terms[0].values[0] - 800e-6) < 4 * fitted.sigmas(0)[0]
 
 
-@pytest.mark.parametrize(("code", "kept"), [(1e-3, 1), (0.1, 0)])
+def seen(found, fitted, floors):
+    return above_codes(fitted.terms, fitted, replace(found.whitened, floors=floors))
+
+
+@pytest.mark.parametrize(("code", "kept"), [(1e-3, True), (0.1, False)])
 def test_what_is_nowhere_larger_than_a_code_is_not_named(code, kept):
     found = prepared(K2)
     fitted = with_terms(found, hypothesis("acc_K2", ("k2_x",)))  # 800 ug at 1 g: 8e-3 m/s2
-    assert len(drop_below_code(fitted, found.whitened, {"accel": code}).terms) == kept
-    # another sensor's codes hide nothing here
-    assert len(drop_below_code(fitted, found.whitened, {"gyro": code}).terms) == 1
+    assert seen(found, fitted, {"accel": code}) is kept
+    assert seen(found, fitted, {"gyro": code})  # another sensor's codes hide nothing here
 
 
-@pytest.mark.parametrize(("bend", "kept"), [(0.0, 0), (0.1, 1)])
+@pytest.mark.parametrize(("bend", "kept"), [(0.0, False), (0.1, True)])
 def test_of_a_curve_what_calibration_takes_is_not_larger_than_a_code(bend, kept):
     """0.1 m/s2 at 1 g along a straight line: a scale factor. Bent by as much it is a curve."""
     found = prepared(K2)
@@ -108,7 +112,7 @@ def test_of_a_curve_what_calibration_takes_is_not_larger_than_a_code(bend, kept)
         dict.fromkeys(names, 0.1), "accel", "x", coordinate="input", knots=(-9.8, 0.0, 9.8)
     )
     fitted = replace(found.start, terms=(FittedTerm(Hypothesis(curve, names), names, values),))
-    assert len(drop_below_code(fitted, found.whitened, {"accel": 0.01}).terms) == kept
+    assert seen(found, fitted, {"accel": 0.01}) is kept
 
 
 @pytest.mark.parametrize(("count", "kept"), [(30, 2), (31, 1)])
@@ -151,8 +155,10 @@ def test_what_moves_tell_is_not_named_where_the_angles_are_cut():
     )
     ring = hypothesis("settling_transient", ("amplitude",), None, "outer", frequency=1.5, tau=2.0)
     fitted = with_terms(found, ring)
-    assert len(drop_below_code(fitted, found.whitened, {"accel": 1e-6}).terms) == 1
-    assert drop_below_code(fitted, found.whitened, {"accel": 1e-6}, blurred=True).terms == ()
+    assert seen(found, fitted, {"accel": 1e-6})
+    cut = DataTruncation({"step": 1e-4}, None, None, "found")
+    found.observations.known = (*found.observations.known, cut)
+    assert not seen(found, fitted, {"accel": 1e-6})
     build_dictionary(found.whitened, found.start, SpectralLines(), blurred=True)
     assert not {"settling_transient", "table_backlash", "lever_arm"} & {
         s.id for s in found.whitened.hypotheses

@@ -8,7 +8,7 @@ import pytest
 from hand_simulation import AXES, G, Hand, follow, scenario
 
 import tiltcal as tc
-from tiltcal.guide.goals import goals_of, parse_goals
+from tiltcal.design.goals import limits_of, parse_goals
 from tiltcal.guide.planner import Fitted, Planner, by_hand
 from tiltcal.guide.standstill import HISTORY, RATE, look
 from tiltcal.guide.stream import ROWS, Stream
@@ -332,14 +332,14 @@ def test_late_rows_are_left_out_and_a_clock_that_begins_again_is_continued() -> 
 
 def test_goals() -> None:
     units = {"accel.bias_x": "m_s2", "accel.bias_y": "m_s2", "accel.cross_xy": "1"}
-    found = goals_of({"accel.bias": "50ug", "bias_y": 1e-3, "cross": "2arcsec"}, units)
+    found = limits_of({"accel.bias": "50ug", "bias_y": 1e-3, "cross": "2arcsec"}, units)
     assert found["accel.bias_x"] == pytest.approx(50e-6 * 9.80665)
     assert found["accel.bias_y"] == 1e-3
     assert found["accel.cross_xy"] == pytest.approx(2 * np.pi / 648000)
     assert parse_goals(["bias=50ug"]) == {"bias": "50ug"}
     for wrong in ({"bais": "50ug"}, {"bias": "50 deg"}, {"bias": "-1ug"}, {"bias": "ug"}):
         with pytest.raises(tc.TiltcalError):
-            goals_of(wrong, units)
+            limits_of(wrong, units)
     with pytest.raises(tc.TiltcalError):
         parse_goals(["bias"])
 

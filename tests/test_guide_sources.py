@@ -18,10 +18,10 @@ from serving import served
 
 import tiltcal as tc
 from tiltcal.cli import main
-from tiltcal.cli.guide import parse_angles
 from tiltcal.guide import sources
 from tiltcal.guide.lines import LineReader
 from tiltcal.guide.sources import Arrival, SourceOptions, TableDriver, open_source
+from tiltcal.guide.typed_angles import parse_angles
 
 HEADER = "time_s," + ",".join(f"accel_{a}_m_s2" for a in AXES)
 

@@ -1,7 +1,7 @@
 """Designed sequences that can be saved, tabulated and simulated."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from tiltcal.core.tabular import Tabular
 from tiltcal.core.tasks.engines import Engine
 from tiltcal.design.bound import efficiency
 from tiltcal.design.feasibility import check_possible
+from tiltcal.design.goals import Goal, goals_of, least_time
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.plan import Plan
 from tiltcal.design.plan import design as find_plan
@@ -35,6 +36,7 @@ class DesignedSequence(Tabular):
         inseparable: terms that these poses do not separate from the others.
         efficiency: lower bound on the information per parameter over the most that any poses give
             that are read at these times for as long.
+        goals: that its time was chosen by.
     """
 
     plan: Plan
@@ -43,6 +45,12 @@ class DesignedSequence(Tabular):
     unseen: tuple[str, ...]
     inseparable: tuple[str, ...]
     efficiency: float
+    goals: tuple[Goal, ...] = ()
+
+    @property
+    def reaches_goals(self) -> bool:
+        """Whether every goal is expected to be reached."""
+        return _worst(self.plan, self.goals) <= 1
 
     def table(self) -> dict[str, Any]:
         """The scenario with this sequence instead of its own, as ``parse_scenario`` takes it."""
@@ -63,19 +71,34 @@ class DesignedSequence(Tabular):
         )
 
     def __str__(self) -> str:
-        return printable(self.plan, self.up, self.efficiency)
+        return printable(self.plan, self.up, self.efficiency, self._goals_reached())
+
+    def _goals_reached(self) -> list[tuple[Goal, float]]:
+        """Goals with what is expected."""
+        names = self.plan.problem.model.names
+        return [(goal, goal.reached(self.plan.forecast, names)) for goal in self.goals]
 
     def to_json(self) -> dict[str, Any]:
         """The plan for machines, with what poses cannot show."""
         told = {"unseen": list(self.unseen), "untold": list(self.inseparable)}
-        return self.plan.to_json() | {"efficiency": self.efficiency} | told
+        goals = [
+            {
+                "name": g.name,
+                "limit": g.limit,
+                "expected": e,
+                "unit": g.unit,
+                "reached": e <= g.limit,
+            }
+            for g, e in self._goals_reached()
+        ]
+        return self.plan.to_json() | {"efficiency": self.efficiency, "goals": goals} | told
 
     def save(self, folder: Path | str) -> None:
         """Write design.toml, steps.csv, steps.txt, segments.csv, design.json and report.html to a
         folder.
         """
         path = make_folder(Path(folder))
-        write_plan(self.plan, self.scenario, self.up, path, self.efficiency)
+        write_plan(self.plan, self.scenario, self.up, path, str(self), self.to_json())
         poses = poses_of_plan(self.plan, self.up, self.scenario)
         table = table_in(poses, self.scenario)
         title, missing = self.scenario.name, self._missing()
@@ -119,3 +142,51 @@ def designed(
     plan = find_plan(problem, still.scenario.rig.kind, seed, notice=progress, engine=engine)
     share = efficiency(problem, plan.angles, plan.dwell)
     return DesignedSequence(plan, scenario, still.up(plan.angles), unseen, undetermined, share)
+
+
+ProblemIn = Callable[[float], tuple[Problem, tuple[str, ...]]]
+"""table time, s -> a design problem, and the effects that poses cannot show."""
+
+
+def designed_for_goals(
+    scenario: Scenario,
+    sensor: Sensor,
+    problem_in: ProblemIn,
+    budget: float,
+    goals: Sequence[str],
+    everything: bool,
+    seed: int,
+    progress: Progress = silent,
+    engine: Engine | None = None,
+) -> DesignedSequence:
+    """The sequence of the least table time that is expected to reach all goals, to 3 %; that of all
+    of the budget where it reaches fewer, or no goal is given.
+
+    Args:
+        scenario, sensor, everything, seed, progress, engine: as in ``designed``.
+        problem_in: the problem.
+        budget: longest table time, s.
+        goals: as ``goals_of`` takes them.
+
+    Raises:
+        TiltcalError: a goal does not read, or no set of poses within the limits determines a term
+            of interest.
+    """
+    problem, _ = problem_in(budget)
+    wanted = goals_of(goals, problem.model)
+
+    def found_in(time: float) -> tuple[float, DesignedSequence]:
+        if wanted:
+            progress(f"poses of {time:.0f} s")
+        found = designed(scenario, sensor, *problem_in(time), everything, seed, progress, engine)
+        return _worst(found.plan, wanted), replace(found, goals=wanted)
+
+    if not wanted:
+        return found_in(budget)[1]
+    return least_time(budget, problem.clock.settle + problem.clock.shortest, found_in)
+
+
+def _worst(plan: Plan, goals: Sequence[Goal]) -> float:
+    """Largest ratio of what is expected to its goal."""
+    forecast, names = plan.forecast, plan.problem.model.names
+    return max((goal.reached(forecast, names) / goal.limit for goal in goals), default=0.0)

@@ -8,7 +8,7 @@ from typing import Any
 
 from tiltcal.api.calibrating import estimate, estimate_for_certificate, judged, one_recording
 from tiltcal.api.certifying import Certificate, certificate_of
-from tiltcal.api.designing import DesignedSequence, designed
+from tiltcal.api.designing import DesignedSequence, designed_for_goals
 from tiltcal.api.diagnosing import Diagnosis, explain, require_no_truth
 from tiltcal.api.simulating import seed_used, simulator, truth_table
 from tiltcal.calibration.correction import correct_pieces
@@ -16,6 +16,7 @@ from tiltcal.calibration.methods.registry import Method
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.progress import Progress, silent
 from tiltcal.core.units import DEG, G0
+from tiltcal.design.gradient_search import Problem
 from tiltcal.design.scenario_problem import clock_of, scenario_problem, sensor_of
 from tiltcal.design.terms import Wanted
 from tiltcal.laboratory import scenario as laboratory
@@ -177,6 +178,7 @@ class Scenario(laboratory.Scenario):
         dwell_s: tuple[float, float] = (5.0, 60.0),
         angles_deg: Mapping[str, tuple[float, float]] | None = None,
         step_deg: float = 0.0,
+        goals: Sequence[str] = (),
         seed: int = 0,
         progress: Progress = silent,
     ) -> DesignedSequence:
@@ -198,20 +200,28 @@ class Scenario(laboratory.Scenario):
             dwell_s: shortest and longest reading.
             angles_deg: axis -> lowest and highest angle.
             step_deg: angles are its multiples.
+            goals: NAME=VALUE with a unit or without, such as accel.bias=30ug, tilt=5arcsec: the
+                least time that reaches all of them is used.
             seed: of the search.
             progress: receives what is being done.
 
         Raises:
-            TiltcalError: no set of poses within the limits determines a term of interest.
+            TiltcalError: no set of poses within the limits determines a term of interest, or a goal
+                does not read.
         """
         one = sensor_of(self, sensor)
         seen = self.seen_by(one)
-        clock = clock_of(seen, budget_s, rate_deg_s, settle_s, dwell_s, angles_deg, step_deg)
         wanted = Wanted(
             tuple(terms), tuple(nuisance), grade, prior, floor_ug * 1e-6 * G0, range_deg * DEG
         )
-        problem = scenario_problem(seen, one, wanted, clock, criterion)
-        return designed(self, one, *problem, "all" in terms, seed, progress)
+
+        def problem_in(time: float) -> tuple[Problem, tuple[str, ...]]:
+            clock = clock_of(seen, time, rate_deg_s, settle_s, dwell_s, angles_deg, step_deg)
+            return scenario_problem(seen, one, wanted, clock, criterion)
+
+        return designed_for_goals(
+            self, one, problem_in, budget_s, goals, "all" in terms, seed, progress
+        )
 
 
 def load_scenario(path: Path | str) -> Scenario:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import tiltcal as tc
 from tiltcal.app.session import Session
 from tiltcal.core.errors import TiltcalError
-from tiltcal.guide.goals import parse_goals
+from tiltcal.design.goals import parse_goals
 from tiltcal.guide.guide import Guide
 from tiltcal.guide.sources import (
     ServedTable,

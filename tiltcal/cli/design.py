@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Group, Parameter
 
-from tiltcal.api.designing import DesignedSequence, designed
+from tiltcal.api.designing import DesignedSequence, designed_for_goals
 from tiltcal.api.diagnosing import load_nominal_scenario
 from tiltcal.api.table_scene import table_in
 from tiltcal.cli.design_options import (
@@ -109,6 +109,7 @@ def design(
       tiltcal design bench.toml --budget-s 300 -o out
       tiltcal design bench.toml --terms bias scale K2 --angles outer=-90:90
       tiltcal design bench.toml --terms all --nuisance drift table_levelling
+      tiltcal design bench.toml --budget-s 3600 --goal accel.bias=30ug U=0.01deg
       tiltcal design --textbook quadratic --budget-s 300
       tiltcal design --split out/diagnosis.json --scenario bench.toml -o next
 
@@ -125,18 +126,31 @@ def design(
             return design_visible_poses(scenario, *wanted, opened, output, as_json)
     sensor = sensor_of(scenario, aim.sensor)
     seen = scenario.seen_by(sensor)
-    problem, unseen = problem_of(aim, table, seen, clock_given(table, seen))
+
+    def problem_in(time: float) -> tuple[Problem, tuple[str, ...]]:
+        within = replace(table, budget_s=time)
+        return problem_of(aim, within, seen, clock_given(within, seen))
+
     with claimed(output):
         with progress_line() as notice, shared_engine(engine, jobs) as opened:
-            everything = "all" in aim.terms
-            found = designed(scenario, sensor, problem, unseen, everything, seed, notice, opened)
+            found = designed_for_goals(
+                scenario,
+                sensor,
+                problem_in,
+                table.budget_s,
+                aim.goal,
+                everything="all" in aim.terms,
+                seed=seed,
+                progress=notice,
+                engine=opened,
+            )
         if output:
             found.save(output)
     if as_json:
         print_json(found.to_json())
     else:
         show(found)
-    return 0
+    return 0 if found.reaches_goals else 1
 
 
 def _scenario_of(path: Path | None, aim: Aim) -> Scenario:
@@ -255,7 +269,7 @@ def design_visible_poses(
     up = still.up(plan.angles)
     if output:
         folder = make_folder(output)
-        write_plan(plan, scenario, up, folder)
+        write_plan(plan, scenario, up, folder, printable(plan, up), plan.to_json())
         poses = poses_of_plan(plan, up, scenario)
         page, table_shown = folder / "report.html", table_in(poses, scenario)
         missing = by_need(found)

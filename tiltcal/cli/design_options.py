@@ -57,6 +57,15 @@ class Aim:
     sensor: Annotated[
         str | None, Parameter(help="Name of the sensor, if the scenario has several.")
     ] = None
+    goal: Annotated[
+        tuple[str, ...],
+        SEVERAL,
+        Parameter(
+            help="NAME=VALUE: the largest standard uncertainty of a parameter (accel.bias=30ug for"
+            " all axes), the tilt error (tilt=5arcsec), or its expanded uncertainty, k = 2"
+            " (U=0.01deg). The least table time within the budget that reaches all of them is used."
+        ),
+    ] = ()
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from tiltcal.cli.output import (
     print_note,
 )
 from tiltcal.core.errors import TiltcalError
-from tiltcal.guide.goals import parse_goals
+from tiltcal.design.goals import parse_goals
 from tiltcal.guide.guide import Guide
 from tiltcal.guide.sources import (
     ServedTable,
@@ -31,6 +31,7 @@ from tiltcal.guide.sources import (
     open_source,
 )
 from tiltcal.guide.state import GuideState
+from tiltcal.guide.typed_angles import parse_angles
 from tiltcal.report.stated import NOTHING_STATED, Stated
 
 RATE = 1e6  # Hz, and bits a second: more than any line has
@@ -166,27 +167,6 @@ def _obeyed(line: str, made: Guide, state: GuideState) -> bool:
     except TiltcalError as error:
         made.note("typed", str(error))
     return True
-
-
-def parse_angles(line: str, axes: tuple[str, ...]) -> dict[str, float] | None:
-    """``90 0`` or ``outer=90 inner=0`` as angles of axes, deg; None of an empty line.
-
-    Raises:
-        TiltcalError: it is neither.
-    """
-    words = line.replace(",", " ").split()
-    named = [word.partition("=") for word in words]
-    try:
-        if all(equals for _, equals, _ in named):
-            return {axis: float(value) for axis, _, value in named} or None
-        return dict(zip(axes, map(float, words), strict=True))
-    except ValueError as error:
-        raise TiltcalError(
-            "angles of the head",
-            found=f"'{line}'",
-            need=f"numbers for {', '.join(axes)}, such as {' '.join('0' for _ in axes)}",
-            do="type them again",
-        ) from error
 
 
 def _conclude(made: Guide, written: dict[str, Path], as_json: bool) -> int:

@@ -5,6 +5,7 @@ from.
 import csv
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.files import write_json, write_text
 from tiltcal.core.units import DEG
+from tiltcal.design.goals import Goal
 from tiltcal.design.plan import Plan
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.pose_schemes import label_of
@@ -109,7 +111,12 @@ def _start_and_end(plan: Plan) -> list[str]:
     return [f"starts at {where}{'; ends there' if clock.returns else ''}"]
 
 
-def printable(plan: Plan, up: Array, efficiency: float | None = None) -> str:
+def printable(
+    plan: Plan,
+    up: Array,
+    efficiency: float | None = None,
+    goals: Sequence[tuple[Goal, float]] = (),
+) -> str:
     """The printed list for the table: poses, then the expected standard uncertainty of each
     parameter.
 
@@ -117,6 +124,7 @@ def printable(plan: Plan, up: Array, efficiency: float | None = None) -> str:
         plan: plan of a design.
         up: in the body frame, (n, 3).
         efficiency: of the plan, where it is known.
+        goals: with what is expected, in their units.
     """
     clock, model, what = plan.problem.clock, plan.problem.model, plan.forecast
     head = "".join(f"{name + ' deg':>12}" for name in plan.axes)
@@ -155,15 +163,17 @@ def printable(plan: Plan, up: Array, efficiency: float | None = None) -> str:
         lines.append(
             f"efficiency at least {100 * efficiency:.1f} % of any poses read at these times as long"
         )
+    lines += [_of_goal(goal, expected) for goal, expected in goals]
     return "\n".join(lines) + "\n"
 
 
+def _of_goal(goal: Goal, expected: float) -> str:
+    word = "reached" if expected <= goal.limit else "not reached in this table time"
+    return f"goal {goal.name} {goal.limit:.4g} {goal.unit}: {expected:.4g} expected, {word}"
+
+
 def write_plan(
-    plan: Plan,
-    scenario: Scenario,
-    up: Array,
-    folder: Path,
-    efficiency: float | None = None,
+    plan: Plan, scenario: Scenario, up: Array, folder: Path, text: str, result: dict[str, Any]
 ) -> None:
     """Write design.toml, steps.csv, steps.txt, segments.csv and design.json to a folder.
 
@@ -172,7 +182,8 @@ def write_plan(
         scenario: that it was designed for.
         up: the up direction of each pose in the body frame, (n, 3).
         folder: where.
-        efficiency: of the plan, where it is known.
+        text: that is printed.
+        result: for machines.
     """
     import tomli_w
 
@@ -183,7 +194,6 @@ def write_plan(
         tomli_w.dumps(designed_table(scenario, steps, f"{scenario.name}, designed")),
     )
     write_text(folder / "steps.csv", steps_csv(steps))
-    write_text(folder / "steps.txt", printable(plan, up, efficiency))
+    write_text(folder / "steps.txt", text)
     write_text(folder / "segments.csv", segments_csv(plan))
-    known = {} if efficiency is None else {"efficiency": efficiency}
-    write_json(folder / "design.json", plan.to_json() | known)
+    write_json(folder / "design.json", result)

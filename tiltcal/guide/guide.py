@@ -14,7 +14,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder
 from tiltcal.core.frames import angle_between
 from tiltcal.core.units import DEG, split_unit
-from tiltcal.guide.goals import goals_of
+from tiltcal.design.goals import limits_of
 from tiltcal.guide.live_checks import Found, inspected
 from tiltcal.guide.planner import Candidate, Planner, by_hand, on_table
 from tiltcal.guide.progress import INCOMPLETE, Progress, progress_of
@@ -340,7 +340,7 @@ class Guide:
         """The goal of each parameter: asked for, or what a few dwells bring."""
         planner = self._progress.planner
         units = dict(zip(planner.model.names, planner.model.units, strict=True))
-        return planner.usual_goals() | goals_of(self._asked_goals, units)
+        return planner.usual_goals() | limits_of(self._asked_goals, units)
 
     def _begin(self) -> None:
         """The first samples show the columns, and by them the manner."""

@@ -29,10 +29,12 @@ WHOLE_TURN = 360.0  # deg
 
 
 def sequence_columns(axes: Sequence[str], sliding: Sequence[str] = ()) -> tuple[str, ...]:
-    """Columns of a sequence file: the angles of the usual axes and of any further one, and the
-    positions of those that slide.
+    """Columns of a sequence file: the angles of the usual axes, unless the table has joints of
+    other names only, and of any further one, and the positions of those that slide.
     """
-    keys = [*map(angle_key, dict.fromkeys((*FILE_AXES, *axes))), *map(length_key, sliding)]
+    every = [*axes, *sliding]
+    usual = FILE_AXES if not every or not set(FILE_AXES).isdisjoint(every) else ()
+    keys = [*map(angle_key, dict.fromkeys((*usual, *axes))), *map(length_key, sliding)]
     rates = ("rate_deg_s", "rate_mm_s") if sliding else ("rate_deg_s",)
     return ("step", "action", *keys, *rates, "dwell_s", "mount", "label")
 

@@ -1,7 +1,7 @@
 """Recordings with their data faults repaired, step by step, and the adjustable terms fitted."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,7 +57,6 @@ class PreparedData:
 
     Args:
         faults: found in the data; notes: what is no mismatch.
-        floors: size, SI, of what coarse codes do to a sensor's misfit, by sensor.
         left_out: rows that were left out because their stamps do not increase.
     """
 
@@ -66,7 +65,6 @@ class PreparedData:
     start: FittedModel
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
-    floors: Mapping[str, float] = field(default_factory=dict)
     left_out: tuple[LeftOut, ...] = ()
 
     @property
@@ -78,7 +76,7 @@ class PreparedData:
         """The same for other observations, with the adjustable terms re-fitted and further
         faults.
         """
-        start, whitened = calibrated(observations, self.whitened.law)
+        start, whitened = calibrated(observations, self.whitened.law, self.whitened.floors)
         every = (*self.faults, *faults)
         return replace(
             self, observations=observations, whitened=whitened, start=start, faults=every
@@ -105,8 +103,8 @@ def prepare(
     stated = {e.id for e in scenario.effects}
     floors = code_floors(scenario, faults)
     observations = observe(scenario, sound, known)
-    start, whitened = calibrated(observations, law)
-    said = tuple(faults), inspected.notes, floors, inspected.left_out
+    start, whitened = calibrated(observations, law, floors)
+    said = tuple(faults), inspected.notes, inspected.left_out
     prepared = PreparedData(observations, whitened, start, *said)
     prepared = _with_bits(prepared, known)
     if not floors:  # first: a jump of the readout is a rate that no sensor had
@@ -259,9 +257,17 @@ def _at_the_step(values: Array, time: Array, channel: Channel) -> Array:
 
 
 def calibrated(
-    observations: Observations, law: type[NoiseModel]
+    observations: Observations,
+    law: type[NoiseModel],
+    floors: Mapping[str, float] | None = None,
 ) -> tuple[FittedModel, WhitenedModel]:
-    """The adjustable terms fitted to the readings under white noise, and that noise."""
+    """The adjustable terms fitted to the readings under white noise, and that noise.
+
+    Args:
+        observations: what was read.
+        law: kind of noise model that is fitted later.
+        floors: of the sensors with coarse codes, as ``WhitenedModel`` has them.
+    """
     scenario = observations.scenario
     terms = [FittedTerm.start(s) for s in adjustable(scenario)]
     places = [t.hypothesis.place for t in terms]
@@ -277,5 +283,6 @@ def calibrated(
     fitted = FittedModel(tuple(known), tuple(terms))
     noise = white_of_differences(fitted, observations)
     whitened = WhitenedModel.of(HypothesisColumns(observations), noise, law)
+    whitened = replace(whitened, floors=floors or {})
     fitted = refit(fitted, whitened)
     return refit_about_itself(fitted, whitened) if observations.block > 1 else fitted, whitened

@@ -1,13 +1,11 @@
 """The limit that coarse codes set: nothing smaller than their effect is named."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, columns_of, summed
-from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import DataTruncation
@@ -52,39 +50,34 @@ def needs_motion(effect: Effect) -> bool:
     )
 
 
-def drop_below_code(
-    fitted: FittedModel, whitened: WhitenedModel, floors: Mapping[str, float], blurred: bool = False
-) -> FittedModel:
-    """The fitted model without findings that are nowhere larger than the effect of coarse codes;
-    for curves, without the part that calibration absorbs.
+def above_codes(terms: Sequence[FittedTerm], fitted: FittedModel, whitened: WhitenedModel) -> bool:
+    """Whether a cause is anywhere larger than what coarse codes do to a reading, or acts on no
+    sensor with coarse codes; of a curve, which may be large where it was not held, the part that
+    calibration does not absorb. What only motion shows is hidden where the angles are truncated.
 
     Args:
-        fitted: the model.
-        whitened: all hypotheses under its noise.
-        floors: of the channels with coarse codes, SI.
-        blurred: whether the table's angles are cut.
+        terms: the law, then its deviation.
+        fitted: a model, for its calibration.
+        whitened: has the sensors with coarse codes.
     """
-    observations = whitened.observations
-    calibration = columns_of(observations, fitted.nuisance, fitted.effects)
-    kept: list[FittedTerm] = []
-    for places in fitted.findings():
-        inside = [fitted.terms[k] for k in places]
-        curve = not inside[0].hypothesis.textbook  # it may be large where it was not held
-        largest: dict[str, float] = {}
-        for i, change in summed(inside, observations, fitted.effects).items():
-            name = observations.channels[i].sensor
-            if curve:
-                Q = column_space(
-                    np.column_stack([np.zeros_like(change), *(c[i] for c in calibration if i in c)])
-                )
-                size = float(np.sqrt(np.mean((change - Q @ (Q.T @ change)) ** 2)))
-            else:
-                size = float(np.abs(change).max())
-            largest[name] = max(largest.get(name, 0.0), size)
-        smooth = not (blurred and needs_motion(inside[0].effect))
-        seen = any(size > floors.get(name, 0.0) > 0 for name, size in largest.items()) or not set(
-            largest
-        ) & set(floors)
-        if smooth and seen:
-            kept += inside
-    return refit(replace(fitted, terms=tuple(kept)), whitened)
+    floors, observations = whitened.floors, whitened.observations
+    if observations.cut and needs_motion(terms[0].hypothesis.effect):
+        return False
+    if not floors:
+        return True
+    curve = not terms[0].hypothesis.textbook
+    calibration = columns_of(observations, fitted.nuisance, fitted.effects) if curve else []
+    met = False
+    for i, change in summed(terms, observations, fitted.effects).items():
+        floor = floors.get(observations.channels[i].sensor)
+        if floor is None:
+            continue
+        met = True
+        Q = column_space(
+            np.column_stack([np.zeros_like(change), *(c[i] for c in calibration if i in c)])
+        )
+        left = change - Q @ (Q.T @ change)
+        size = float(np.sqrt(np.mean(left**2)) if curve else np.abs(change).max())
+        if size > floor:
+            return True
+    return not met

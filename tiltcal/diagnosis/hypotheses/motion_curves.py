@@ -25,6 +25,7 @@ from tiltcal.diagnosis.hypotheses.curve_forms import (
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.effects.curve_coordinates import BEGUN, LAST_DIRECTION, TURN_RATE
 from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.sensor.environmental import AccHysteresis
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Rig
@@ -71,7 +72,10 @@ def motion_of_readings(
     for name, lag in product(rig.kind.turning, MEMORIES):
         if even_knots(angle_channel(name), span, 2):
             yield curve_over(LearnedReading, angle_channel(name), harmonics(3), lag=lag, **where)
-    for coordinate, travel in product([c for c in inputs if c.startswith("force")], LOADS):
+    # by its own force an accelerometer's play is a listed law: one signal has one name
+    own = {f"force_{where['axis']}"} if sensor.kind in AccHysteresis.kinds else set()
+    forces = [c for c in inputs if c.startswith("force") and c not in own]
+    for coordinate, travel in product(forces, LOADS):
         yield _played(LearnedReading, coordinate, travel, where)
     for name, per_input in product(rig.kind.turning, (False, True)):
         if span_of(name, span) > BEGUN:

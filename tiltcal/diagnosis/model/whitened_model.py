@@ -1,7 +1,7 @@
 """The columns of all hypotheses under one noise: what weighs anything against anything else."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class WhitenedModel:
         fits: of the noise of each channel, where it was estimated.
         curved: numbers of the channels to whose reading a nameless curve adds: what is left of
             its law is in their noise.
+        floors: size, SI, of what coarse codes do to a sensor's misfit, by sensor.
     """
 
     columns: HypothesisColumns
@@ -37,6 +38,7 @@ class WhitenedModel:
     law: type[NoiseModel] = WhiteFlickerWalk
     fits: tuple[NoiseFit, ...] = ()
     curved: frozenset[int] = frozenset()
+    floors: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -63,7 +65,7 @@ class WhitenedModel:
 
     def under(self, noise: Sequence[NoiseModel]) -> "WhitenedModel":
         """The same columns under another noise."""
-        return self.of(self.columns, noise, self.law)
+        return replace(self.of(self.columns, noise, self.law), floors=self.floors)
 
     def as_fitted(self, fits: Sequence[NoiseFit]) -> "WhitenedModel":
         """The same columns under an estimated noise."""

@@ -20,7 +20,7 @@ exponential score of that rank (Savage, Ann. Math. Stat. 27, 1956): their sum al
 gamma distributed in noise of any colour, at rest and in motion, and steady lines hold no ridge.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,17 +40,13 @@ EXCESS = 10.0 ** np.arange(-2, 2.5, 0.5)
 """Power of an oscillation, in that of the noise: each as probable as another."""
 
 
-def searched(whitened: WhitenedModel, floors: Mapping[str, float]) -> Iterator[tuple[int, Channel]]:
+def searched(whitened: WhitenedModel) -> Iterator[tuple[int, Channel]]:
     """The channels in which oscillations are looked for, with their numbers; none by hand, where a
-    hand trembles at no steady frequency.
-
-    Args:
-        whitened: whose channels.
-        floors: sensors with coarse codes, which oscillate with the input: none of them.
+    hand trembles at no steady frequency, and none with coarse codes: they oscillate with the input.
     """
     observations = whitened.observations
     for k, channel in enumerate(observations.channels if observations.courses else ()):
-        if not channel.derived and channel.sensor not in floors:
+        if not channel.derived and channel.sensor not in whitened.floors:
             yield k, channel
 
 
@@ -109,7 +105,6 @@ def narrow_bands(
     whitened: WhitenedModel,
     residual: Sequence[Array],
     least: float,
-    floors: Mapping[str, float],
 ) -> tuple[NarrowBand, ...]:
     """Of each channel the band that says most, where it is there with at least this probability.
 
@@ -117,10 +112,9 @@ def narrow_bands(
         whitened: the noise that a model leaves.
         residual: of it, cosine coefficients in units of the noise, (n,) each.
         least: probability from which one is told.
-        floors: see ``searched``.
     """
     found = []
-    for k, channel in searched(whitened, floors):
+    for k, channel in searched(whitened):
         first, width, times, factor = _likeliest(residual[k], whitened.roots[k])
         if (chance := probability(factor, whitened)) >= least:
             step = 1 / (2 * len(residual[k]) * float(np.median(np.diff(channel.time))))
@@ -222,7 +216,6 @@ def moving_tones(
     residual: Sequence[Array],
     effects: Sequence[Effect],
     least: float,
-    floors: Mapping[str, float],
 ) -> tuple[MovingTone, ...]:
     """Of each channel the tone that says most, where it is there with at least this probability.
 
@@ -231,10 +224,9 @@ def moving_tones(
         residual: of it, cosine coefficients in units of the noise, (n,) each.
         effects: of the model.
         least: probability from which one is told.
-        floors: see ``searched``.
     """
     found = []
-    for k, channel in searched(whitened, floors):
+    for k, channel in searched(whitened):
         signal, moving = equalised(residual[k]), channel.stop < 0
         followed = _followed(whitened.observations, k, effects)
         ridges = {

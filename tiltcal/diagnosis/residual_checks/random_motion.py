@@ -260,7 +260,6 @@ def random_motions(
     residual: Sequence[Array],
     effects: Sequence[Effect],
     least: float,
-    floors: Mapping[str, float],
 ) -> tuple[RandomMotion, ...]:
     """What moves at random, where that is so with at least this probability: the place that says
     most. Every place is as probable as another.
@@ -270,10 +269,9 @@ def random_motions(
         residual: of it, cosine coefficients in units of the noise, (n,) each.
         effects: of the model.
         least: probability from which it is told.
-        floors: see ``oscillations.searched``.
     """
     observations = whitened.observations
-    channels = {k: c for k, c in searched(whitened, floors) if c.rate_hz}
+    channels = {k: c for k, c in searched(whitened) if c.rate_hz}
     recordings = []
     for number in range(len(observations.recordings)):
         own = {

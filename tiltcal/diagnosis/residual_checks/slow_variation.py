@@ -4,7 +4,7 @@ It fits a random walk or flicker as well as any other slow course, so that only 
 instruments have grades, the axes of one are alike, and so is one in several recordings.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,23 +50,20 @@ class SlowVariation:
     probability: float
 
 
-def slow_variations(
-    whitened: WhitenedModel, least: float, floors: Mapping[str, float]
-) -> tuple[SlowVariation, ...]:
+def slow_variations(whitened: WhitenedModel, least: float) -> tuple[SlowVariation, ...]:
     """The slow noise that is no noise with at least this probability: beyond that of the worst
     grade by its size, not only beside the white noise, or unlike that of the sensor's other axes,
-    or of other recordings.
+    or of other recordings. None below what coarse codes do is told.
 
     Args:
         whitened: the noise that a model leaves.
         least: probability from which one is told.
-        floors: size, SI, of what coarse codes do to a sensor's misfit: none below it is told.
     """
     # that it is there, on this axis, and has this size
     prior = NAMELESS - float(np.log(len(whitened.observations.channels) * len(ENERGIES)))
     found = []
     for one in instruments(whitened):
-        every = _of_instrument(one, whitened, floors, prior)
+        every = _of_instrument(one, whitened, prior)
         taken: set[int] = set()
         for slow, places in sorted(every, key=lambda told: -told[0].probability):
             # of two apart, the one with more; of a recording and an axis in it the more probable
@@ -77,7 +74,7 @@ def slow_variations(
 
 
 def _of_instrument(
-    one: InstrumentPrior, whitened: WhitenedModel, floors: Mapping[str, float], prior: float
+    one: InstrumentPrior, whitened: WhitenedModel, prior: float
 ) -> Iterator[tuple[SlowVariation, list[int]]]:
     """The slow noise of each axis, and of all axes in each of several recordings, with their
     places in the instrument.
@@ -92,7 +89,7 @@ def _of_instrument(
     for places in [*whole, *([k] for k in range(len(fits)) if [k] not in whole)]:
         axes = [(one.axes[k], fits[k], channels[k]) for k in places]
         if any(
-            c.derived or axis.level(fit.model) < np.log(floors.get(c.sensor) or NOTHING)
+            c.derived or axis.level(fit.model) < np.log(whitened.floors.get(c.sensor) or NOTHING)
             for axis, fit, c in axes
         ):
             continue

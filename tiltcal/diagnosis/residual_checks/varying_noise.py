@@ -230,7 +230,6 @@ def varying_noise(
     residual: Sequence[Array],
     effects: Sequence[Effect],
     least: float,
-    floors: Mapping[str, float],
 ) -> tuple[VaryingNoise, ...]:
     """What the noise follows, of what says most, where that is so with at least this probability.
 
@@ -239,9 +238,8 @@ def varying_noise(
         residual: of it, cosine coefficients in units of the noise, (n,) each.
         effects: of the model.
         least: probability from which it is told.
-        floors: see ``oscillations.searched``.
     """
-    every = list(_candidates(whitened, residual, effects, floors))
+    every = list(_candidates(whitened, residual, effects))
     if not every:
         return ()
     factors = np.array([one.factor for one in every])
@@ -255,11 +253,10 @@ def _candidates(
     whitened: WhitenedModel,
     residual: Sequence[Array],
     effects: Sequence[Effect],
-    floors: Mapping[str, float],
 ) -> Iterator[Candidate]:
     """Each channel by itself, and those of a sensor together."""
     groups: dict[tuple[int, str, bytes], list[Squares]] = {}
-    for k, channel in searched(whitened, floors):
+    for k, channel in searched(whitened):
         left = limited(residual[k])
         if (squares := _squares(whitened.observations, k, left, effects)) is not None:
             key = channel.recording, channel.sensor, channel.rows.tobytes()

@@ -310,14 +310,40 @@ def best_shape(proposal: Proposal, fitted: FittedModel, whitened: WhitenedModel)
     whole = isinstance(hypothesis.effect, Learned)
     own = proposal.explanation.terms if whole else proposal.explanation.terms[:1]
     terms = refined(own, fitted, whitened)
-    changed = terms[0].hypothesis is not hypothesis
-    near = [t.hypothesis for t in terms] if changed else []
+    others = [refined(start, fitted, whitened) for start in _in_other_kinds(own, whitened)]
+    refinements = [r for r in (terms, *others) if r[0].hypothesis is not hypothesis]
+    near = [t.hypothesis for r in refinements for t in r]
     if (instant := terms[0].hypothesis.instant) is not None:
         scenario = whitened.observations.scenario
         near += list(steps_at(scenario, instant))
     best = _best([proposal, *in_shapes(proposal, near, fitted, whitened)])
     other = _resolved(proposal, fitted, whitened)
     return _best([best, *other, *_localised(best, fitted, whitened)])
+
+
+def _in_other_kinds(
+    terms: tuple[FittedTerm, ...], whitened: WhitenedModel
+) -> Iterator[tuple[FittedTerm, ...]]:
+    """An explanation with the other values of shapes that are not continuous, where it has one that
+    is: this is best at another value there.
+    """
+    first = terms[0].hypothesis
+    continuous = shapes(first)
+    if not first.textbook or not continuous:
+        return
+    fixed = {
+        p.name
+        for p in first.effect.parameters
+        if p.shape and p.name not in {*continuous, *STEP, *first.names}
+    }
+    seen = [{name: first.effect.values[name] for name in fixed}]
+    for other in whitened.hypotheses:
+        if (other.place, other.alias, other.names) == (first.place, first.alias, first.names):
+            kind = {name: other.effect.values[name] for name in fixed}
+            if kind not in seen:
+                seen.append(kind)
+                effect = replace(first.effect, values={**first.effect.values, **kind})
+                yield (replace(terms[0], hypothesis=replace(first, effect=effect)),)
 
 
 def _resolved(proposal: Proposal, fitted: FittedModel, whitened: WhitenedModel) -> list[Proposal]:

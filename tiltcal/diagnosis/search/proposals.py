@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tiltcal.diagnosis.data_faults.quantisation_limit import above_codes
 from tiltcal.diagnosis.hypotheses.priors import kind
 from tiltcal.diagnosis.search.explanation import explained_by
 from tiltcal.diagnosis.search.possible_sizes import possible
@@ -16,7 +17,12 @@ def proposals(state: State, scan: Scan) -> list[Proposal]:
     kept with the state: several steps of a search ask for it.
     """
     if scan not in state.proposals:
-        found = [p for p in looked_at(state, scan) if possible(p.explanation.terms[0])]
+        found = [
+            p
+            for p in looked_at(state, scan)
+            if possible(p.explanation.terms[0])
+            and above_codes(p.explanation.terms, state.fitted, state.whitened)
+        ]
         state.proposals[scan] = sorted(found, key=lambda p: -p.score)
     return state.proposals[scan]
 

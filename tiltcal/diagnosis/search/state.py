@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from tiltcal.diagnosis.data_faults.quantisation_limit import above_codes
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
@@ -54,8 +55,13 @@ class State:
 
     @cached_property
     def cost(self) -> float:
-        """-log posterior but for a constant, nats; infinite where a size cannot be."""
-        if not all(possible(term) for term in self.fitted.terms):
+        """-log posterior but for a constant, nats; infinite where a size cannot be, or coarse codes
+        would hide a cause.
+        """
+        every = range(len(self.fitted.findings()))
+        if not all(possible(term) for term in self.fitted.terms) or not all(
+            above_codes(self.terms(k), self.fitted, self.whitened) for k in every
+        ):
             return np.inf
         noise = sum(float(np.log(root).sum()) for root in self.whitened.roots)
         fit = self.fitted.deviance + self.fitted.penalty + log_det_information(self.fitted)

@@ -2,12 +2,11 @@
 may be, and what the noise that is left holds.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.data_faults.prepare import PreparedData
-from tiltcal.diagnosis.data_faults.quantisation_limit import drop_below_code
 from tiltcal.diagnosis.data_faults.setting_errors import (
     beside_stops,
     find_setting_error,
@@ -58,7 +57,7 @@ def search_for_causes(
         found: is told the number of causes of the best model so far.
         compared: is told when the model is found and alternatives are compared.
     """
-    start, whitened, floors = prepared.start, prepared.whitened, prepared.floors
+    start, whitened = prepared.start, prepared.whitened
     noise_source = NoiseSource(at_rest, len(whitened.hypotheses))
     state = most_probable(start, whitened, noise_source, found)
     if extend_dictionary(state, lines):
@@ -66,7 +65,7 @@ def search_for_causes(
         state = iterate_to_convergence(state.over(whitened.columns), noise_source)
     compared()
     random = False
-    if not (floors or _knows_settings(start)):
+    if not (whitened.floors or _knows_settings(start)):
         state, random = beside_random_settings(state, noise_source)
     state, chances, doubts = select_claims(state, noise_source)
     scan = Scan(state.whitened)
@@ -76,9 +75,7 @@ def search_for_causes(
     chances = tuple(chances[k] for k in kept)
     state, names = named(state, scan, random)
     fitted, random_faults = state.fitted, list[Fault]()
-    if floors:
-        fitted = drop_below_code(fitted, state.whitened, floors, prepared.blurred)
-    else:
+    if not whitened.floors:
         fitted, random_faults = _by_chance(fitted, start, state.whitened, noise_source)
     if fitted.terms:
         fitted = refit_about_itself(fitted, state.whitened)
@@ -92,32 +89,30 @@ def search_for_causes(
         noise_source,
         tuple(names[k] for k in held),
         tuple(chances[k] for k in held),
-        slow_variations(left, DOUBTED, floors),
-        *(((), (), ()) if held or doubts else _in_the_noise(left, fitted, floors)),
-        () if held or random_faults or _knows_settings(start) else _motions(left, fitted, floors),
+        slow_variations(left, DOUBTED),
+        *(((), (), ()) if held or doubts else _in_the_noise(left, fitted)),
+        () if held or random_faults or _knows_settings(start) else _motions(left, fitted),
         doubts,
         slow_laws(state, noise_source, doubts),
     )
 
 
 def _in_the_noise(
-    left: WhitenedModel, fitted: FittedModel, floors: Mapping[str, float]
+    left: WhitenedModel, fitted: FittedModel
 ) -> tuple[tuple[NarrowBand, ...], tuple[MovingTone, ...], tuple[VaryingNoise, ...]]:
     """Bands with more power than noise, tones whose frequency moves, and noise that follows an
     angle or a cycle, in what a model leaves.
     """
     rest = left.residual(fitted.effects)
-    tones = moving_tones(left, rest, fitted.effects, DOUBTED, floors)
-    varying = varying_noise(left, rest, fitted.effects, CLAIM, floors)
-    return narrow_bands(left, rest, DOUBTED, floors), tones, varying
+    tones = moving_tones(left, rest, fitted.effects, DOUBTED)
+    varying = varying_noise(left, rest, fitted.effects, CLAIM)
+    return narrow_bands(left, rest, DOUBTED), tones, varying
 
 
-def _motions(
-    left: WhitenedModel, fitted: FittedModel, floors: Mapping[str, float]
-) -> tuple[RandomMotion, ...]:
+def _motions(left: WhitenedModel, fitted: FittedModel) -> tuple[RandomMotion, ...]:
     """Random motion in what a model leaves."""
     rest = left.residual(fitted.effects)
-    return random_motions(left, rest, fitted.effects, DOUBTED, floors)
+    return random_motions(left, rest, fitted.effects, DOUBTED)
 
 
 def _by_chance(

@@ -221,7 +221,7 @@ class AccHysteresis(SignalEffect):
 
     @classmethod
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
-        widths = (0.02, 0.1, 0.2, 0.4, 0.8)
+        widths = (0.02, 0.045, 0.1, 0.2, 0.4, 0.8)
         return [{"width": w, "rounded": r} for w, r in product(widths, (0.0, 1.0))]
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:

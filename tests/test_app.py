@@ -435,27 +435,31 @@ def test_dwells_are_found_labelled_and_excluded(page):
     choose(page, "Scenario", "bench.toml")
     page.press("Find the dwells")
     page.shows("tr.pickable")
-    lines = (page.app.folder / "segments.csv").read_text().splitlines()
+    lines = (page.app.folder / "bench.segments.csv").read_text().splitlines()
     page.page.get_by_role("button", name="2", exact=True).click()
     page.fill("Label", "=1+1")
     page.press("Save")
     page.shows("td:has-text('=1+1')")
-    assert ",'=1+1" in (page.app.folder / "segments.csv").read_text()
+    assert ",'=1+1" in (page.app.folder / "bench.segments.csv").read_text()
     page.press("Exclude")
     page.page.wait_for_selector("td:has-text('=1+1')", state="detached")
-    after = (page.app.folder / "segments.csv").read_text().splitlines()
+    after = (page.app.folder / "bench.segments.csv").read_text().splitlines()
     assert len(after) == len(lines)
     assert [a for a, b in zip(after, lines, strict=True) if a != b] == [
         next(line for line in after if "=1+1" in line)
     ]
     page.shows(".figure .gl-container, .figure .main-svg")
-    page.page.get_by_label("Dwells", exact=True).first.click()
-    page.page.keyboard.press("Escape")
+    assert page.page.get_by_label("Dwells", exact=True).first.input_value() == "bench.segments.csv"
+    choose(page, "Recording", "imu.csv")  # whose dwells they are not
+    page.shows("text=Choose a list of dwells")
+    assert page.page.get_by_label("Dwells", exact=True).first.input_value() == ""
+    choose(page, "Recording", "bench.csv")
+    page.page.wait_for_function("document.body.textContent.includes('bench.segments.csv')")
     page.require_clean()
 
 
 def test_a_recording_is_diagnosed(page, tmp_path, monkeypatch):
-    (page.app.folder / "segments.csv").unlink(missing_ok=True)
+    (page.app.folder / "bench.segments.csv").unlink(missing_ok=True)
     page.go("Diagnose")
     page.press("Diagnose")
     page.shows(".job button")
@@ -473,10 +477,13 @@ def test_a_recording_is_diagnosed(page, tmp_path, monkeypatch):
 def test_poses_are_planned(page, tmp_path, monkeypatch):
     page.go("Plan")
     page.fill("Table time, s", "60")
+    page.fill("Goals, in the least time", "U=1deg")
     page.page.wait_for_function("document.body.textContent.includes('--budget-s 60')")
     page.press("Design")
     page.shows("iframe.report")
     line = page.command("tiltcal design")
+    assert "--goal=U=1deg" in line
+    page.shows("td:has-text('reached')")
     same_by_command(page, line, ["plan/steps.csv", "plan/design.toml"], monkeypatch, tmp_path)
     page.require_clean()
 

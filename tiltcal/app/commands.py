@@ -135,6 +135,7 @@ def design(
     grade: str,
     criterion: str,
     angles: Sequence[str] = (),
+    goals: Sequence[str] = (),
 ) -> Words:
     """Design a sequence of poses."""
     numbers = {
@@ -154,6 +155,7 @@ def design(
         "--criterion",
         criterion,
         *(f"--angles={text}" for text in angles),
+        *(f"--goal={text}" for text in goals),
         "-o",
         file(folder),
     ]

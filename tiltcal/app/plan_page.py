@@ -26,7 +26,9 @@ from tiltcal.app.shell import SCENARIO, need, report_frame
 from tiltcal.core.read_back import read_json
 from tiltcal.core.units import unit_sign
 
-FOLDER, ANGLES, GRADE, CRITERION = (f"plan.{n}" for n in ("folder", "angles", "grade", "criterion"))
+FOLDER, ANGLES, GRADE, CRITERION, GOALS = (
+    f"plan.{n}" for n in ("folder", "angles", "grade", "criterion", "goals")
+)
 NUMBERS: Mapping[str, tuple[str, float, float, float]] = {
     "budget_s": ("Table time, s", 300.0, 1.0, 1e6),
     "rate_deg_s": ("Rate of moves, °/s", 20.0, 1e-3, 1e6),
@@ -53,8 +55,10 @@ def build(session: Session) -> None:
         choice(session, GRADE, "Grade of the instrument", GRADES, clearable=False)
         choice(session, CRITERION, "Criterion", CRITERIA, clearable=False)
         entry(session, ANGLES, "Limits of axes", hint="outer=-45:45 inner=0:90")
+        entry(session, GOALS, "Goals, in the least time", hint="accel.bias=30ug U=0.01deg")
         entry(session, FOLDER, "Folder of the plan", "plan")
-    keys = (*(f"plan.{n}" for n in NUMBERS), GRADE, CRITERION, ANGLES, FOLDER, SCENARIO, FILES)
+    entered = (GRADE, CRITERION, ANGLES, GOALS, FOLDER)
+    keys = (*(f"plan.{n}" for n in NUMBERS), *entered, SCENARIO, FILES)
     missing = "Choose a scenario."
     action(session, "Design", keys, lambda: designing(session), missing=missing)
     heading("What to expect")
@@ -81,6 +85,7 @@ def designing(session: Session) -> list[str] | None:
         grade=session.text(GRADE) or "mid_mems",
         criterion=session.text(CRITERION) or "both",
         angles=session.text(ANGLES).split(),
+        goals=session.text(GOALS).split(),
     )
 
 
@@ -108,6 +113,20 @@ def _plan(session: Session, found: dict[str, Any] | None) -> None:
         f" efficiency at least {100 * found['efficiency']:.0f} %",
         "lead",
     )
+    if found.get("goals"):
+        Table(
+            (("goal", "short"), ("at most", "n"), ("expected", "n"), ("", "unit"), ("", "mark")),
+            [
+                [
+                    goal["name"],
+                    f"{goal['limit']:.4g}",
+                    f"{goal['expected']:.3g}",
+                    unit_sign(goal["unit"]),
+                    "reached" if goal["reached"] else "missed",
+                ]
+                for goal in found["goals"]
+            ],
+        )
     with ui.element("div").classes("columns"):
         Table(
             (("parameter", "short"), ("known before", "n"), ("σ after", "n"), ("", "unit")),

@@ -24,7 +24,7 @@ from tiltcal.app.elements import (
 )
 from tiltcal.app.open_page import read_dwells, read_recording, stamp_of
 from tiltcal.app.session import FILES, Session
-from tiltcal.app.shell import RECORDING, SCENARIO, SEGMENTS, need
+from tiltcal.app.shell import RECORDING, SCENARIO, SEGMENTS, dwells_name, need
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.segment_files import save_segments
 from tiltcal.recordings.segmentation import dwells
@@ -55,13 +55,13 @@ def build(session: Session) -> None:
     )
     heading("Dwells")
     with ui.element("div").classes("fields"):
-        entry(session, OUTPUT, "List of dwells to write", "segments.csv")
+        entry(session, OUTPUT, "List of dwells to write", hint="as the recording")
     action(
         session,
         "Find the dwells",
         (RECORDING, OUTPUT, FILES),
         lambda: finding(session),
-        lambda _: session.set(SEGMENTS, session.text(OUTPUT)),
+        lambda _: session.set(SEGMENTS, _output(session)),
         missing="Choose a recording.",
     )
     Section(
@@ -83,9 +83,11 @@ def _pose_section(session: Session) -> None:
 def finding(session: Session) -> list[str] | None:
     """The command that finds the dwells."""
     recording = session.chosen(RECORDING)
-    return (
-        commands.segments(recording, session.text(OUTPUT) or "segments.csv") if recording else None
-    )
+    return commands.segments(recording, _output(session)) if recording else None
+
+
+def _output(session: Session) -> str:
+    return session.text(OUTPUT) or dwells_name(session.text(RECORDING))
 
 
 @dataclass(frozen=True)

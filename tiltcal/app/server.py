@@ -30,7 +30,7 @@ from tiltcal.app import (
 )
 from tiltcal.app.guard import Guard, Keys
 from tiltcal.app.session import Session
-from tiltcal.app.shell import frame
+from tiltcal.app.shell import follow_recording, frame
 from tiltcal.app.transfers import routes
 from tiltcal.app.workspace import Workspace
 from tiltcal.report.page import TEMPLATES
@@ -70,6 +70,7 @@ def serve(
         TiltcalError: the address cannot be listened on.
     """
     session = Session(Workspace(folder))
+    follow_recording(session)
     listening = _socket(host, port)
     keys = Keys(token, listening.getsockname()[1])
     shown = f"[{host}]" if ":" in host else host

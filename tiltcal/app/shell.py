@@ -4,7 +4,7 @@ and the commands that run.
 
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
 from nicegui import background_tasks, ui
@@ -69,6 +69,18 @@ def frame(session: Session, path: str, build: Callable[[], None]) -> None:
         _jobs(session)
         build()
     ui.timer(SECONDS_S, lambda: _count(session))
+
+
+def dwells_name(recording: str) -> str:
+    """The list of dwells that belongs to a recording."""
+    return str(PurePosixPath(recording).with_suffix(".segments.csv")) if recording else ""
+
+
+def follow_recording(session: Session) -> None:
+    """Dwells are those of the recording that is chosen, never of the one before."""
+    session.listen(
+        (RECORDING,), lambda: session.set(SEGMENTS, dwells_name(session.text(RECORDING)))
+    )
 
 
 def _count(session: Session) -> None:

@@ -75,6 +75,12 @@ class Plan:
         """What it is expected to bring."""
         return forecast(self.problem, self.angles, self.dwell)
 
+    @property
+    def course(self) -> list[Forecast]:
+        """What it is expected to have brought once each pose is read."""
+        read = range(1, len(self.dwell) + 1)
+        return [forecast(self.problem, self.angles[:n], self.dwell[:n]) for n in read]
+
     def to_json(self) -> dict[str, Any]:
         """The plan for machines: angles in deg, times in s."""
         clock, model, what = self.problem.clock, self.problem.model, self.forecast
@@ -98,6 +104,10 @@ class Plan:
             "nats": what.nats,
             "tilt_rms_arcsec": what.tilt_arcsec,
             "poses": poses,
+            "course": [
+                {"total_s": f.total_s, "tilt_rms_arcsec": f.tilt_arcsec, "sigma": f.sigma.tolist()}
+                for f in self.course
+            ],
             "parameters": [
                 {"name": n, "unit": u, "prior": float(p), "sigma": float(s), "interest": bool(i)}
                 for n, u, p, s, i in zip(

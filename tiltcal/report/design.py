@@ -22,6 +22,8 @@ from tiltcal.report.scenes import sphere_plot
 from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.setup import Setup
 
+LEGEND = 16  # parameters whose names fit beside a plot; of more, the pointer shows them
+
 
 def write_design(
     plan: Plan,
@@ -49,7 +51,8 @@ def write_design(
         contents=sections("Expected result", "Poses", "Record next", "Not visible"),
         forecasts=[("this design", plan.forecast), *plan.baselines.items()],
         comparison=_comparison(plan),
-        gains=_gains(plan),
+        course=_course(plan),
+        sigmas=_sigmas(plan),
         parameters=plan.to_json()["parameters"],
         scenes=[p for p in (sphere_plot(poses), table) if p is not None],
         steps=steps_of_plan(plan, poses),
@@ -102,17 +105,35 @@ def _comparison(plan: Plan) -> Plot:
     )
 
 
-def _gains(plan: Plan) -> Plot:
-    """How far each parameter's uncertainty falls."""
-    model, sigma = plan.problem.model, plan.forecast.sigma
-    ratio = model.prior / sigma
-    hover = "%{x}<br>%{y:.4g} times smaller"
-    layout = axes("", "prior sigma / expected sigma", showlegend=False)
+def _course(plan: Plan) -> Plot:
+    """How the expected tilt error falls as poses are read."""
+    course = plan.course
+    times, tilts = [f.total_s for f in course], [f.tilt_arcsec for f in course]
+    layout = axes("table time, s", "arcsec, rms per axis", showlegend=False)
     layout["yaxis"] |= LOGARITHMIC
+    hover = "after %{x:.4g} s<br>%{y:.4g} arcsec rms per axis"
     return Plot(
-        [points(list(model.names), ratio, "parameters", 0, hover=hover)],
-        "By how much the standard uncertainty of each parameter falls.",
-        f"Ratio of prior to expected sigma, from {ratio.min():.3g} to {ratio.max():.3g}",
+        [line(times, tilts, "expected tilt error", 0, mode="lines+markers", hover=hover)],
+        "Expected tilt error once each pose is read, arcsec rms per axis.",
+        f"Expected tilt error from {tilts[0]:.3g} arcsec after one pose to {tilts[-1]:.3g}",
+        layout,
+    )
+
+
+def _sigmas(plan: Plan) -> Plot:
+    """How the uncertainty of each parameter of interest falls as poses are read."""
+    course, model = plan.course, plan.problem.model
+    times = [f.total_s for f in course]
+    ratios = np.array([f.sigma for f in course]) / model.prior
+    wanted = np.flatnonzero(model.interest)
+    hover = "%{fullData.name}<br>after %{x:.4g} s<br>%{y:.4g} of the prior sigma"
+    layout = axes("table time, s", "expected sigma / prior sigma", showlegend=len(wanted) <= LEGEND)
+    layout["yaxis"] |= LOGARITHMIC
+    last = ratios[-1, wanted]
+    return Plot(
+        [line(times, ratios[:, k], model.names[k], n, hover=hover) for n, k in enumerate(wanted)],
+        "Expected standard uncertainty of each parameter over its prior, once each pose is read.",
+        f"Ratio of expected to prior sigma at the end: from {last.min():.3g} to {last.max():.3g}",
         layout,
     )
 

@@ -1,6 +1,6 @@
 """*Plan*: the poses that give most information in a table time, with the sigmas to expect."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -106,33 +106,20 @@ def _plan(session: Session, found: dict[str, Any] | None) -> None:
     if found is None:
         need("Nothing was designed in this folder yet.")
         return
-    poses, parameters = found["poses"], found["parameters"]
+    poses = found["poses"]
     text(
         f"{len(poses)} poses in {found['total_s']:.1f} s of {found['budget_s']:g} s: expected rms"
         f" tilt error per axis {found['tilt_rms_arcsec']:.3g} arcsec;"
         f" efficiency at least {100 * found['efficiency']:.0f} %",
         "lead",
     )
-    if found.get("goals"):
-        Table(
-            (("goal", "short"), ("at most", "n"), ("expected", "n"), ("", "unit"), ("", "mark")),
-            [
-                [
-                    goal["name"],
-                    f"{goal['limit']:.4g}",
-                    f"{goal['expected']:.3g}",
-                    unit_sign(goal["unit"]),
-                    "reached" if goal["reached"] else "missed",
-                ]
-                for goal in found["goals"]
-            ],
-        )
+    _goals(found.get("goals") or ())
     with ui.element("div").classes("columns"):
         Table(
             (("parameter", "short"), ("known before", "n"), ("σ after", "n"), ("", "unit")),
             [
                 [p["name"], f"{p['prior']:.6g}", f"{p['sigma']:.3g}", unit_sign(p["unit"])]
-                for p in parameters
+                for p in found["parameters"]
                 if p["interest"]
             ],
         )
@@ -154,6 +141,23 @@ def _plan(session: Session, found: dict[str, Any] | None) -> None:
     CommandLine(
         as_command(["simulate", f"{_folder(session)}/design.toml", "-o", "run.csv"]), "to try it"
     )
+
+
+def _goals(goals: Sequence[Mapping[str, Any]]) -> None:
+    if goals:
+        Table(
+            (("goal", "short"), ("at most", "n"), ("expected", "n"), ("", "unit"), ("", "mark")),
+            [
+                [
+                    goal["name"],
+                    f"{goal['limit']:.4g}",
+                    f"{goal['expected']:.3g}",
+                    unit_sign(goal["unit"]),
+                    "reached" if goal["reached"] else "missed",
+                ]
+                for goal in goals
+            ],
+        )
 
 
 def _report(session: Session) -> None:

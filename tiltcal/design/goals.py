@@ -179,8 +179,10 @@ def least_time(
         if high[1] > 0 or high[0] - low[0] <= np.log(NEAR):
             break
         time = (low[0] + high[0]) / 2 if trial % 3 == 2 else _next_trial(low, high)
+        seconds = float(f"{np.exp(time):.4g}")  # as a plan states it
+        time = float(np.log(seconds))
         try:
-            ratio, found = found_in(float(np.exp(time)))
+            ratio, found = found_in(seconds)
         except TiltcalError:
             ratio, found = np.inf, best
         if ratio <= 1:

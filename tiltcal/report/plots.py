@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 PALETTE = tuple(f"var(--c{k})" for k in range(6))
-LOGARITHMIC = {"type": "log", "dtick": "D2"}
-"""A logarithmic axis with ticks at 1, 2 and 5."""
+LOGARITHMIC = {"type": "log", "dtick": "D2", "tickformat": "~g"}
+"""A logarithmic axis with ticks at 1, 2 and 5, each labelled with its whole number."""
 DIGITS = 6
 MARKUP = ("hovertemplate",)  # written here, with names as %{fullData.name} and %{text}
 Trace = dict[str, Any]

@@ -25,7 +25,7 @@ setup: .venv/.ready  ## create .venv with the pinned, hash-checked dependencies 
 	@touch $@
 
 demo: setup  ## simulate, calibrate and verify on built-in scenarios; prints a table and the report's path
-	@$(BIN)/tiltcal demo -o demo-output
+	@$(BIN)/tiltcal demo --progress -o demo-output
 
 test: setup  ## the test suite, without what is marked long
 	@$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal tests

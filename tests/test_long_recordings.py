@@ -125,7 +125,7 @@ def test_reading_and_correcting_tell_the_time_left(log, tmp_path, monkeypatch):
     calibration().save(tmp_path / "CAL.json")
     corrected, averaged = list[str](), list[str]()
     monkeypatch.setattr(output._Lines, "show", lambda _, text: corrected.append(text))
-    words = ["correct", tmp_path / "CAL.json", path, "-o", tmp_path / "corrected.csv"]
+    words = ["--progress", "correct", tmp_path / "CAL.json", path, "-o", tmp_path / "corrected.csv"]
     assert main([str(word) for word in words]) == 0
     monkeypatch.setattr(span_means, "LONGEST", 10_000)
     read_averaged(path, averaged.append)

@@ -77,7 +77,7 @@ def named(words, good):
 def test_lines_in_a_pipe_fit_80_columns_and_long_work_tells_the_time_left(
     words, good, capsys, told
 ):
-    assert main(named(words, good)) in (0, 1)
+    assert main([*named(words, good), "--progress"]) in (0, 1)
     out = capsys.readouterr().out
     assert out
     assert [line for line in out.splitlines() if len(line) > 80] == []
@@ -93,11 +93,25 @@ def test_help_fits_80_columns(command, capsys):
     assert [line for line in lines if len(line) > 80] == []
 
 
-def test_columns_shrink_between_words_and_never_below_one():
-    cells = [["name", "text"], ["a", "some words that are long"]]
-    assert fitted_widths(cells, 80) == ([4, 24], 3)
-    assert fitted_widths(cells, 20) == ([4, 11], 2)
-    assert fitted_widths(cells, 8) is None
+def test_sentences_are_wrapped_and_never_into_pillars():
+    cells = [["name", "a text of a row"], ["a", "some words that make a sentence"]]
+    assert fitted_widths(cells, 80) == ([4, 31], 3)
+    assert fitted_widths(cells, 36) == ([4, 27], 2)
+    assert fitted_widths(cells, 28) is None
+    assert fitted_widths([["a long name", "b"], ["1 mm", "2"]], 12) == ([6, 1], 2)
+
+
+def test_columns_that_may_be_spared_are_left_out_and_named(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "24")
+    rows = [["a" * 10, "b" * 10, "c" * 10]]
+    print_table(["one", "two", "three"], rows, spare=["two", "three"])
+    out = capsys.readouterr().out
+    assert "c" * 10 in out
+    assert "b" not in out
+    assert out.split()[-6:] == "not shown in 24 columns: two".split()
+    monkeypatch.setenv("COLUMNS", "80")
+    print_table(["one", "two", "three"], rows, spare=["two", "three"])
+    assert "not shown" not in capsys.readouterr().out
 
 
 def test_a_table_whose_words_do_not_fit_is_printed_as_lists(monkeypatch, capsys):
@@ -120,7 +134,11 @@ def test_quiet_leaves_errors_and_results(good, here, capsys):
     scenario, recording = made(good, "bench.toml", "run.csv")
     assert main(["simulate", scenario, "-o", "loud.csv"]) == 0
     assert "rows" in capsys.readouterr().err
-    for words in (["--quiet", "simulate", scenario], ["simulate", scenario, "--quiet"]):
+    for words in (
+        ["--quiet", "simulate", scenario],
+        ["simulate", scenario, "--quiet"],
+        ["simulate", "-q", scenario],
+    ):
         assert main([*words, "-o", "quiet.csv"]) == 0
         assert capsys.readouterr() == ("", "")
     assert (here / "quiet.csv").exists()
@@ -141,19 +159,29 @@ def told(monkeypatch):
 
 @pytest.mark.usefixtures("here")
 def test_a_film_tells_the_time_left(good, told):
-    words = ("film", "SCENARIO", "--seconds", "0.2", "-o", "film.mp4")
+    words = ("film", "SCENARIO", "--seconds", "0.2", "-o", "film.mp4", "--progress")
     assert main(named(words, good)) == 0
     assert [text for text in told if re.fullmatch(LEFT, text)]
 
 
 @pytest.mark.usefixtures("here")
-def test_quiet_work_tells_nothing(good, told):
+def test_work_tells_of_its_progress_in_a_pipe_where_it_is_asked_for(good, told):
     """All commands tell it in one place."""
     words = named(("verify", "SCENARIO"), good)
-    assert main([*words, "--quiet"]) == 0
-    assert told == []
     assert main(words) == 0
+    assert main([*words, "--progress", "--quiet"]) == 0
+    assert told == []
+    assert main(["--progress", *words]) == 0
     assert told
+
+
+@pytest.mark.usefixtures("here")
+def test_an_import_tells_its_stages(told):
+    rows = "".join(f"{k / 50},0.{k % 7},0.2,9.8\n" for k in range(50))
+    Path("log.csv").write_text(f"t,ax,ay,az\n{rows}")
+    assert main(["import", "log.csv", "--propose", "-o", "map.toml"]) == 0
+    assert main(["import", "log.csv", "--map", "map.toml", "-o", "run.csv", "--progress"]) == 0
+    assert [text.partition(":")[0] for text in told] == ["reading", "checking", "writing"]
 
 
 def test_the_time_left_follows_the_shares_of_the_stages(monkeypatch):

@@ -112,6 +112,7 @@ class Jobs:
         try:
             job.process = await asyncio.create_subprocess_exec(
                 *PROGRAM,
+                "--progress",
                 *job.words,
                 cwd=self._folder,
                 env=environment,

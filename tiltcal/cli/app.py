@@ -19,7 +19,7 @@ from cyclopts import (
 from tiltcal import __version__
 from tiltcal.cli.commands import COMMANDS, GROUPS
 from tiltcal.cli.options import finite
-from tiltcal.cli.output import print_note, quietly
+from tiltcal.cli.output import print_note, telling
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.figure_folder import FigureFolder, figures_into
 
@@ -30,11 +30,13 @@ Simulate a table and an instrument with known errors in MuJoCo. Calibrate
 recordings, with uncertainties and a verdict. Verify algorithms, including
 yours, against the injected errors. Find out which physics a model leaves out.
 
-Every command takes --json (machine-readable output) and --quiet (no progress
-and no notices on stderr), before or after its name. Every command that writes
-a report takes --figures DIR: its figures as SVG and PDF files, too.
+Every command takes, before or after its name, --json (machine-readable output)
+and --quiet, -q (no progress and no notices on stderr). Progress is shown on a
+terminal; --progress shows it in a pipe, too. Every command that writes a report
+takes --figures DIR: its figures as SVG and PDF files, too.
 """
-JSON, QUIET, FIGURES = "--json", "--quiet", "--figures"
+JSON, FIGURES, PROGRESS = "--json", "--figures", "--progress"
+QUIET = ("--quiet", "-q")
 FIRST_STEPS = """\
 First steps:
 
@@ -85,9 +87,11 @@ def run(arguments: Sequence[str]) -> int:
     Raises:
         TiltcalError: the command line is wrong.
     """
-    arguments, quiet = _everywhere(arguments)
+    arguments, given = _everywhere(arguments)
+    quiet, progress = not given.isdisjoint(QUIET), PROGRESS in given
     arguments, folder = _with_value(arguments, FIGURES)
-    with quietly(quiet), figures_into(None if folder is None else Path(folder)) as figures:
+    folder_of_figures = None if folder is None else Path(folder)
+    with telling(quiet, progress), figures_into(folder_of_figures) as figures:
         status = _run(arguments)
     if figures is not None:
         _require_figures(figures)
@@ -134,15 +138,15 @@ def _require_figures(figures: FigureFolder) -> None:
     print_note(f"{figures.path}: {len(figures.written)} files of figures")
 
 
-def _everywhere(arguments: Sequence[str]) -> tuple[list[str], bool]:
-    """Arguments with ``--json`` behind the command, without ``--quiet``, and whether that stood
-    there. Nothing after ``--`` is touched.
+def _everywhere(arguments: Sequence[str]) -> tuple[list[str], set[str]]:
+    """Arguments with ``--json`` behind the command, without ``--quiet`` and ``--progress``, and
+    which of these stood there. Nothing after ``--`` is touched.
     """
     end = list(arguments).index("--") if "--" in arguments else len(arguments)
-    texts = [argument for argument in arguments[:end] if argument != QUIET]
+    texts = [argument for argument in arguments[:end] if argument not in (*QUIET, PROGRESS)]
     before = list(takewhile(lambda argument: argument == JSON, texts))
     texts = [*texts[len(before) : len(before) + 1], *before, *texts[len(before) + 1 :]]
-    return [*texts, *arguments[end:]], QUIET in arguments[:end]
+    return [*texts, *arguments[end:]], {*QUIET, PROGRESS} & {*arguments[:end]}
 
 
 def _run(arguments: Sequence[str]) -> int:

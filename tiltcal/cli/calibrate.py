@@ -80,15 +80,16 @@ def calibrate(
     described = load_scenario(scenario)
     with progress_line() as progress:
         read = [read_averaged(file, progress) for file in (recording_file, *more)]
-    recording = one_recording(described, read)
-    options = parse_options(option)
-    if segments:
-        options["segments"] = read_segments(segments, recording)
-    data = (method, recording, described, options)
-    if budget or (report is None and dcc is None):
-        calibration, found = estimate(*data, budget)
-    else:
-        calibration, found = estimate_for_certificate(*data)
+        recording = one_recording(described, read)
+        options = parse_options(option)
+        if segments:
+            options["segments"] = read_segments(segments, recording)
+        data = (method, recording, described, options)
+        progress(f"calibrating by {method}")
+        if budget or (report is None and dcc is None):
+            calibration, found = estimate(*data, budget)
+        else:
+            calibration, found = estimate_for_certificate(*data)
     calibration = _with_path(calibration, scenario)
     if output:
         calibration.save(output)
@@ -146,6 +147,7 @@ def print_calibration(c: Calibration) -> None:
             [r["name"], r["value"], r["sigma"], r["unit"], r["interval"]]
             for r in parameter_rows(c, {})
         ],
+        spare=["95 % interval"],
     )
     tests = [[t.name, "passed" if t.passed else "FAILED", t.statement] for t in c.tests]
     if tests:
@@ -166,4 +168,5 @@ def print_budget(budget: UncertaintyBudget, calibration: Calibration) -> None:
         BUDGET_HEADER,
         [[r[key] for key in BUDGET_COLUMNS] for r in budget_rows(budget, calibration)],
         title="uncertainty budget (GUM); lines below 1 % of the combined uncertainty are omitted",
+        spare=["type", "distribution", "sensitivity", "size", "standard"],
     )

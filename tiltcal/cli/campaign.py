@@ -56,7 +56,7 @@ def print_summary(summary: dict[str, Any]) -> None:
         for cell in cells
         for method, found in cell["methods"].items()
     ]
-    print_table((*names, *HEADER), rows, title=summary["name"])
+    print_table((*names, *HEADER), rows, title=summary["name"], spare=["95 %", "NEES/dof", "bound"])
     for cell in cells:
         for method, found in cell["methods"].items():
             _print_sensitivity(method, cell["values"], found.get("sensitivity", {}))

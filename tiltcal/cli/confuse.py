@@ -48,7 +48,8 @@ def confuse(
 
 def _print(found: Confusion, groups: Sequence[Sequence[str]]) -> None:
     sights = sorted(found.sights, key=lambda s: (s.column.effect, s.column.label))
-    print_table(HEADER, [_row(s) for s in sights])
+    spare = ["plausible", "absorbed", "not separable from"]  # classes are stated below
+    print_table(HEADER, [_row(s) for s in sights], spare=spare)
     paragraph(
         f"{found.visible} signatures are visible, {found.rank} of them independent, in"
         f" {found.samples:.0f} samples of each sensor"

@@ -71,7 +71,7 @@ def _show(as_json: bool) -> None:
         ]
         for d in catalogue.datasets().values()
     ]
-    print_table(["name", "what", "source", "licence", "size"], rows)
+    print_table(["name", "what", "source", "licence", "size"], rows, spare=["source"])
 
 
 def _mapping_and_scenario(dataset: Dataset) -> tuple[Path, Path]:

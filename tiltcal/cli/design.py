@@ -208,7 +208,8 @@ def show(found: DesignedSequence) -> None:
         of_it = found.plan.baselines.get(name)
         figures = ["-"] * 3 if of_it is None else _figures(of_it)
         rows.append([name, *figures, "all" if inside == every else f"{inside} of {every}"])
-    print_table(["same table time", "nats", "tilt arcsec", "poses", "within the limits"], rows)
+    header = ["same table time", "nats", "tilt arcsec", "poses", "within the limits"]
+    print_table(header, rows, spare=header[-1:])
     if not found.plan.problem.model.interest.all():
         paragraph(
             "the sigmas hold for a fit of all these terms including nuisances: calibrate with terms"

@@ -46,6 +46,7 @@ def effects(
         print_table(
             ["id", "stage", "description", "parameters"],
             [[i, c.stage, c.title, _parameters(c)] for i, c in found.items()],
+            spare=["parameters", "stage"],
         )
     return 0
 

@@ -28,7 +28,7 @@ def explain_frames(scenario_file: ScenarioFile, /, *, as_json: Json = False) -> 
     ):
         if rows:
             header = list(rows[0])
-            print_table(header, [[str(r[h]) for h in header] for r in rows], title)
+            print_table(header, [[r[h].partition(" (")[0] for h in header] for r in rows], title)
     paragraph(
         "World: x East, y North, z Up; a level accelerometer at rest reads (0, 0, +g). Compare"
         " these signs with your set-up first."

@@ -8,11 +8,12 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import SEVERAL, WHOLE, Json
-from tiltcal.cli.output import print_json, print_line, print_note, require_output
+from tiltcal.cli.output import print_json, print_line, print_note, progress_line, require_output
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
+from tiltcal.core.progress import Stages
 from tiltcal.data_quality.check import Finding
-from tiltcal.recordings.foreign_files import Imported, import_file
+from tiltcal.recordings.foreign_files import SHARES, WRITING, Imported, import_file
 from tiltcal.recordings.formats.budget import ReadBudget
 from tiltcal.recordings.formats.mcap_writer import write_mcap
 from tiltcal.recordings.mapping import REPAIRS, Mapping, load_mapping
@@ -103,11 +104,15 @@ def import_log(
             need="a mapping file and a file to write",
             do="add it; `tiltcal import FILE --propose` writes a mapping",
         )
-    imported = import_file(file, _completed(load_mapping(mapping, instance), repair), budget, more)
-    if output.suffix == ".mcap":
-        write_mcap(imported.recording, output)
-    else:
-        write_recording(imported.recording, output)
+    read_by = _completed(load_mapping(mapping, instance), repair)
+    with progress_line() as progress:
+        stages = Stages(progress, SHARES)
+        imported = import_file(file, read_by, budget, more, stages.begin)
+        stages.begin(WRITING)
+        if output.suffix == ".mcap":
+            write_mcap(imported.recording, output)
+        else:
+            write_recording(imported.recording, output)
     if as_json:
         print_json(_summary(imported, output))
     else:

@@ -49,7 +49,7 @@ def methods(
     if as_json:
         print_json([{"method": n, "does": d, "options": o} for n, d, o in rows])
         return 0
-    print_table(["method", "does", "options"], rows)
+    print_table(["method", "does", "options"], rows, spare=["options"])
     paragraph(
         "Your own method: --method package.module:function. It is called with (Recording, Setup)"
         " and returns a Calibration."

@@ -43,8 +43,8 @@ def noise(
         findings = [f.as_json() for f in found.findings]
         print_json({"channels": models, "left_out": found.left_out, "findings": findings})
         return 0
-    rows = [[n, *_cells(m, split_unit(n)[1] or ""), _verdict(m)] for n, m in found.models.items()]
-    print_table(["channel", *TERMS, "model"], rows)
+    rows = [row for name, model in found.models.items() for row in _rows(name, model)]
+    print_table(["channel", "model", "term", "value"], rows)
     _print_explanations(found)
     for name, model in found.models.items():
         _print_curve(name, model)
@@ -116,15 +116,18 @@ def _verdict(model: StandstillNoise) -> str:
     return f"{'fits' if model.fits else 'DOES NOT FIT'}, {p}"
 
 
-def _cells(model: StandstillNoise, unit: str) -> list[str]:
-    return [_cell(model, t, f"{unit}{SUFFIX[t]}") for t in TERMS]
+def _rows(name: str, model: StandstillNoise) -> list[list[str]]:
+    """A row for each term that a channel shows, with the verdict in the first."""
+    unit = split_unit(name)[1] or ""
+    shown = [t for t in TERMS if model.held[t] or not model.fits]
+    cells = [[t, _cell(model, t, f"{unit}{SUFFIX[t]}")] for t in shown] or [["", "none is visible"]]
+    heads = [[name, _verdict(model)], *[["", ""]] * (len(cells) - 1)]
+    return [head + cell for head, cell in zip(heads, cells, strict=True)]
 
 
 def _cell(model: StandstillNoise, term: str, unit: str) -> str:
     if not model.fits:
         return f"<= {model.limits[term]:.2g} {unit}"
-    if not model.held[term]:
-        return "not visible"
     return f"{model.values[term]:.4g} +- {model.sigmas[term]:.2g} {unit}"
 
 

@@ -23,6 +23,7 @@ from tiltcal.core.progress import Progress, silent
 from tiltcal.core.safe_text import plain
 
 PADDING = {1: (0, 0, 0, 0), 2: (0, 1, 0, 0), 3: (0, 1, 0, 1)}  # by the gap between columns
+SENTENCE = 24  # characters: lines of fewer, some four words, are a pillar and not read as text
 SILENCE_S = 2.5  # after which progress repeats what is being done
 
 
@@ -32,16 +33,23 @@ def print_line(text: str) -> None:
 
 
 _quiet = ContextVar("quiet", default=False)
+_asked = ContextVar("asked", default=False)
 
 
 @contextmanager
-def quietly(quiet: bool) -> Iterator[None]:
-    """Whether nothing but errors goes to stderr meanwhile."""
-    token = _quiet.set(quiet)
+def telling(quiet: bool, progress: bool) -> Iterator[None]:
+    """What goes to stderr meanwhile.
+
+    Args:
+        quiet: nothing but errors.
+        progress: progress even where no terminal is there.
+    """
+    tokens = _quiet.set(quiet), _asked.set(progress)
     try:
         yield
     finally:
-        _quiet.reset(token)
+        _quiet.reset(tokens[0])
+        _asked.reset(tokens[1])
 
 
 def print_note(text: str) -> None:
@@ -115,10 +123,21 @@ def require_output(command: str, output: Path | None, as_json: bool, what: str) 
 
 
 def print_table(
-    header: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    title: str | None = None,
+    *,
+    spare: Sequence[str] = (),
 ) -> None:
-    """Print a table on stdout that fits the terminal, or 80 columns (COLUMNS) in a pipe: long cells
-    are wrapped at spaces; where that does not suffice, each row is a list.
+    """Print a table on stdout that fits the terminal, or 80 columns (COLUMNS) in a pipe: sentences
+    are wrapped; where that does not suffice, columns are left out, and named below; where even that
+    does not, each row is a list.
+
+    Args:
+        header: names of the columns.
+        rows: cells of each.
+        title: above it.
+        spare: columns that may be left out, the first one first.
     """
     from rich import box
     from rich.console import Console
@@ -126,10 +145,14 @@ def print_table(
 
     width = line_width()
     cells = [[plain(cell) for cell in row] for row in (header, *rows)]
-    fitted = fitted_widths(cells, width)
-    if fitted is None:
-        _print_as_lists(cells, title)
-        return
+    left_out: list[str] = []
+    while (fitted := fitted_widths(cells, width)) is None:
+        if len(left_out) == len(spare):
+            _print_as_lists([[plain(cell) for cell in row] for row in (header, *rows)], title)
+            return
+        left_out.append(spare[len(left_out)])
+        kept = [k for k, name in enumerate(header) if name not in left_out]
+        cells = [[plain(row[k]) for k in kept] for row in (header, *rows)]
     widths, gap = fitted
     shown = None if title is None else plain(title)
     table = Table(
@@ -147,6 +170,8 @@ def print_table(
     with console.capture() as text:  # main() handles a closed pipe, not rich
         console.print(table)
     sys.stdout.write("".join(f"{line.rstrip()}\n" for line in text.get().splitlines()))
+    if left_out:
+        paragraph(f"not shown in {width} columns: {', '.join(left_out)}")
 
 
 def line_width() -> int:
@@ -155,8 +180,8 @@ def line_width() -> int:
 
 
 def fitted_widths(cells: Sequence[Sequence[str]], width: int) -> tuple[list[int], int] | None:
-    """Width of each column of a table, and the gap between them; None where the longest unbroken
-    texts do not fit side by side.
+    """Width of each column of a table, and the gap between them; None where they do not fit side by
+    side. Names are wrapped between words, cells only down to the width of a SENTENCE.
 
     Args:
         cells: header and rows.
@@ -164,7 +189,10 @@ def fitted_widths(cells: Sequence[Sequence[str]], width: int) -> tuple[list[int]
     """
     columns = list(zip(*cells, strict=True))
     widths = [max(map(len, column)) for column in columns]
-    least = [max(map(_longest_unbroken, column)) for column in columns]
+    least = [
+        max(*map(_longest_unbroken, column), *(min(len(cell), SENTENCE) for cell in column[1:]))
+        for column in columns
+    ]
     if sum(widths) <= width - 3 * len(widths):
         return widths, 3
     gap = next((g for g in (2, 1) if sum(least) < width - g * len(widths)), None)
@@ -205,7 +233,9 @@ def paragraph(text: str, indent: str = "    ") -> None:
 
 
 class _Lines:
-    """Progress in a pipe: at most one line per second, and one after some seconds of silence."""
+    """Progress in a pipe, where it was asked for: at most one line per second, and one after some
+    seconds of silence.
+    """
 
     def __init__(self) -> None:
         self._start = time.monotonic()
@@ -238,8 +268,10 @@ class _Lines:
 
 @contextmanager
 def progress_line() -> Iterator[Progress]:
-    """Progress on stderr: one changing line on a terminal, else at most one line per second."""
-    if _quiet.get():
+    """Progress on stderr: one line on a terminal, which changes once a second; none in a pipe,
+    unless it was asked for: at most one line a second then.
+    """
+    if _quiet.get() or not (sys.stderr.isatty() or _asked.get()):
         yield silent
         return
     if not sys.stderr.isatty():
@@ -253,7 +285,7 @@ def progress_line() -> Iterator[Progress]:
     from rich.text import Text
 
     console = Console(stderr=True)
-    with console.status("working ...") as status:
+    with console.status("working ...", refresh_per_second=1.0) as status:
         yield lambda text: status.update(Text(plain(text)))
 
 

@@ -38,13 +38,16 @@ def print_runs(result: ScenarioResult) -> None:
     """Print one row per run of each method that has several."""
     for m in result.methods:
         if len(m.runs) > 1:
-            print_table(RUN_HEADER, [_run(row) for row in m.rows], title=f"runs of {m.title}")
+            rows = [_run(row) for row in m.rows]
+            spare = ["seconds", "bound"]
+            print_table(RUN_HEADER, rows, title=f"runs of {m.title}", spare=spare)
 
 
 def print_verification(verification: Verification) -> None:
     """Print one row per method over its runs, the limits that were not met, and the count."""
     pairs = [(r, m) for r in verification.results for m in r.methods]
-    print_table((*HEADER, "judged"), [_row(r, m) for r, m in pairs])
+    rows = [_row(r, m) for r, m in pairs]
+    print_table((*HEADER, "judged"), rows, spare=["bound", "95 %", "before, arcsec", "runs"])
     for r, m in pairs:
         for line in _remarks(m):
             paragraph(f"{r.scenario.name}, {m.title}: {line}")

@@ -122,15 +122,17 @@ def write_junit(verification: Verification, path: Path) -> None:
             _add_cases(suite, result, method)
         suite.set("tests", str(len(suite)))
         suite.set("failures", str(sum(len(case) for case in suite)))
+        suite.set("time", f"{sum(method.seconds for method in result.methods):.3f}")
     ElementTree.indent(root)
     with replacing(path) as temporary:
         ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
 
 
 def _add_cases(suite: ElementTree.Element, result: ScenarioResult, method: MethodResult) -> None:
-    """One case a limit; one for the calibration where there is none."""
-    name, seconds = f"{result.source}.{method.title}", f"{method.seconds:.3f}"
-    for limit in method.limits or (Limit("calibration", np.nan, method.error or "", False),):
+    """One case a limit, with its share of the time; one for the calibration where there is none."""
+    limits = method.limits or (Limit("calibration", np.nan, method.error or "", False),)
+    name, seconds = f"{result.source}.{method.title}", f"{method.seconds / len(limits):.3f}"
+    for limit in limits:
         labels = {"classname": _printable(name), "name": _printable(limit.name), "time": seconds}
         case = ElementTree.SubElement(suite, "testcase", labels)
         if not limit.passed or method.error:

@@ -108,7 +108,7 @@ def test_columns_that_may_be_spared_are_left_out_and_named(monkeypatch, capsys):
     out = capsys.readouterr().out
     assert "c" * 10 in out
     assert "b" not in out
-    assert out.split()[-6:] == "not shown in 24 columns: two".split()
+    assert " ".join(out.split()).endswith("not shown in 24 columns: two")
     monkeypatch.setenv("COLUMNS", "80")
     print_table(["one", "two", "three"], rows, spare=["two", "three"])
     assert "not shown" not in capsys.readouterr().out

@@ -12,6 +12,7 @@ from tiltcal.forward.signal_chain import readings
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
+ENCODER = Sensor(name="enc", kind="encoder", axes=("a",), of="outer", rate_hz=INSTRUMENT[0].rate_hz)
 SETTINGS = {"time": 20.0, "start": 20.0, "frequency": 3.3, "tau": 30.0}
 """Where and when an effect acts in these short recordings, in file units; any other with a default
 keeps that.
@@ -115,7 +116,8 @@ def lively(table: str) -> tuple[Setup, object, dict[str, np.ndarray]]:
     """A set-up with a whole instrument off the axes, a course with temperature in it, and the
     stamps.
     """
-    setup = setup_of(table, *INSTRUMENT, lever_arm_m=(0.05, -0.03, 0.08), heading=20.0)
+    about = {"lever_arm_m": (0.05, -0.03, 0.08), "readout": "command"}
+    setup = setup_of(table, *INSTRUMENT, ENCODER, heading=20.0, **about)
     course = schedule_of(setup, *STEPS[table], swing_degC=4.0, period_s=25.0, ramp_degC_h=100.0)
     time = np.arange(*course.times, 1 / INSTRUMENT[0].rate_hz)
     return setup, course, {s.name: time for s in setup.sensor}

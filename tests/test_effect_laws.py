@@ -227,7 +227,7 @@ def test_the_same_seed_repeats_and_another_does_not(id):
 @pytest.mark.parametrize("id", [id for id in RANDOM if id not in ROUNDING])
 def test_another_effect_does_not_change_what_a_random_one_draws(id):
     setup, _, _ = lively("placing")
-    bias = {"accel": "acc_bias", "gyro": "gyr_bias", "fog": "fog_bias"}
+    bias = {"accel": "acc_bias", "gyro": "gyr_bias", "fog": "fog_bias", "enc": "enc_bias"}
     for name, beside, effect in random_cases(id):
         alone = drawn(effect, *beside)
         others = [plausible(bias[name], setup, setup.named(name))]

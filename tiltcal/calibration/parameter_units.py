@@ -38,7 +38,8 @@ def unit_of(name: str, sensors: Mapping[str, Sensor]) -> str | None:
         return "rad"
     stem = term.split("_")[0]
     if stem.rstrip("0123456789") in _SI_OF_THE_CHANNEL and owner in sensors:
-        return "rad_s" if sensors[owner].kind in ("gyro", "fog") else "m_s2"
+        sensor = sensors[owner]
+        return "m_s2" if sensor.is_accelerometer else "rad_s" if sensor.of is None else "rad"
     return _FIXED.get(stem)
 
 

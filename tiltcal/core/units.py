@@ -62,7 +62,9 @@ def _parameter_units() -> dict[str, Unit]:
     # square root of time
     units |= _table("acceleration/rtHz", ug_rthz=1e-6 * G0, mg_rthz=1e-3 * G0, m_s2_rthz=1.0)
     units |= _table("acceleration/rts", ug_rts=1e-6 * G0, m_s2_rts=1.0)
-    units |= _table("angle/rts", deg_rth=DEG / 60, rad_rts=1.0)
+    units |= _table("angle/rts", deg_rth=DEG / 60, rad_rts=1.0, arcsec_rts=ARCSEC)
+    units |= _table("angle/rtHz", arcsec_rthz=ARCSEC)
+    units |= _table("time2", ms2=1e-6)
     units |= _table("rate/rts", deg_h_rth=DEG_H / 60, rad_s_rts=1.0)
     return units
 

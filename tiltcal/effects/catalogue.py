@@ -36,6 +36,7 @@ FAMILIES = (
     "sensor.gyro",
     "sensor.dynamics",
     "sensor.noise",
+    "sensor.encoder",
     "electronics.converter",
     "electronics.mains",
     "electronics.supply",

@@ -12,6 +12,7 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.trajectory import Standstills
 
 ACCELEROMETERS = frozenset({"accelerometer", "inclinometer"})
+ENCODER = frozenset({"encoder"})
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Sense:
         turn_rates: of each table axis, rad/s, (n,).
         temperature_memory: what remains of earlier temperatures, (n,), where it was followed
             already; None: an effect follows it from ``temperature``.
+        encoded: where the axis of an encoder stands, rad, (n,); None of any other kind.
     """
 
     time: Array
@@ -60,6 +62,7 @@ class Sense:
     standstills: Callable[[], Standstills] | None = None
     turn_rates: Mapping[str, Array] = field(default_factory=dict)
     temperature_memory: Array | None = None
+    encoded: Array | None = None
 
     @cached_property
     def coning(self) -> Array:
@@ -134,7 +137,11 @@ class Sense:
         return self.force if self.kind in ACCELEROMETERS else self.rate
 
     def true_input(self) -> Array:
-        """The ideal reading, (n, k): force or rate along each channel, before any error."""
+        """The ideal reading, (n, k): force or rate along each channel, or the angle of an axis,
+        before any error.
+        """
+        if self.encoded is not None:
+            return self.encoded[:, None].copy()
         if self.kind == "fog":
             return np.asarray(self.rate @ self.input_vector)[:, None]
         source = self.vector_input()

@@ -84,6 +84,8 @@ class Traits:
     # Where and when it shows
     seen_by_encoder: ClassVar[bool] = False
     """The encoder sees it: it shows only where the readout is the command."""
+    of_drive: ClassVar[bool] = False
+    """The drive leaves it, so that an encoder beside the command reads it as well."""
     shows_against_table: ClassVar[bool] = False
     """Nothing but the angles of a table shows it."""
     of_model: ClassVar[bool] = False

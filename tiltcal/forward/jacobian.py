@@ -14,7 +14,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import one_of
-from tiltcal.core.units import G0
+from tiltcal.core.units import ARCSEC, G0
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import Effect
 from tiltcal.effects.parameter import GRADES, Parameter
@@ -30,6 +30,7 @@ WHITE = {
     "inclinometer": 25e-6,
     "gyro": 1e-4,
     "fog": 3e-6,
+    "encoder": 0.1 * ARCSEC,
 }
 
 

@@ -257,6 +257,15 @@ class NominalMotion:
         force, rate = self.responses.to({("axis", axis): change})
         return {name: self._to_reading(name, c) for name, c in self._read(force, rate).items()}
 
+    def _encoded(self, turns: Mapping[TurnAxis, Jet]) -> dict[str, Array]:
+        """What the encoders read of small turns that they see, SI, (n, 1)."""
+        n = len(self.time)
+        return {
+            s.name: np.array(np.broadcast_to(turns["axis", s.of].x, n))[:, None]
+            for s in self.setup.sensor
+            if s.of is not None and ("axis", s.of) in turns
+        }
+
     def curve(self, effect: Learned) -> Jet:
         """The curve of each coefficient of a learned effect at one, (n, p), without the input that
         it multiplies.
@@ -339,7 +348,8 @@ class NominalMotion:
                 turns = {
                     position: (jet - down[position]).scaled(0.5) for position, jet in turns.items()
                 }
-            return self._read(*self.responses.to(turns))
+            seen = self._encoded(turns) if effect.of_drive else {}
+            return self._read(*self.responses.to(turns)) | seen
         up = force_and_rate(self.setup, self.drive, [effect])
         if one_sided(effect):
             base = next(iter(self.sense.values()))
@@ -351,6 +361,9 @@ class NominalMotion:
         """What a change of force and rate in the body frame, (n, 3) each, does to each sensor."""
         found = {}
         for name, sense in self.sense.items():
+            if sense.encoded is not None:
+                found[name] = np.zeros((len(force), 1))
+                continue
             source = force if sense.kind in ACCELEROMETERS else rate
             if sense.kind == "fog":
                 matrix = sense.input_vector[None, :]
@@ -370,7 +383,9 @@ class NominalMotion:
                 for sign in (1, -1)
             )
             self._slopes = (ahead[0] - behind[0]) / (2 * step), (ahead[1] - behind[1]) / (2 * step)
-        read = self._read(*self._slopes)
+        read = self._read(*self._slopes) | self._encoded(
+            {("axis", n): Jet(jet.v) for n, jet in self.drive.axes.items()}
+        )
         return {n: self._to_reading(n, slope) for n, slope in read.items() if sensor in (None, n)}
 
     def _delayed(self, effect: DelayEffect) -> dict[str, Array]:

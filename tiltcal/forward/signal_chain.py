@@ -11,6 +11,7 @@ notches at the output rate and its multiples.
 
 import zlib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, shown
 from tiltcal.core.frames import tilt_of_force
-from tiltcal.effects.base import DelayEffect, Effect, SignalEffect, WritingEffect
+from tiltcal.effects.base import AngleEffect, DelayEffect, Effect, SignalEffect, WritingEffect
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.sense import Sense
 from tiltcal.effects.streams import Streams, no_streams
@@ -183,6 +184,8 @@ def _read(
             moment = time if np.ndim(delay) == 0 and delay == 0 else time - delay
             motion, drive = move(moment)
             sense = make_sense(sensor, setup, motion, drive)
+            if sensor.of is not None:
+                sense = replace(sense, encoded=_encoded(sensor.of, setup, drive, effects))
             reading = sense.true_input()
             for effect in before:
                 reading = effect.apply(reading, sense, None)
@@ -239,6 +242,18 @@ def _delays(
     return totals
 
 
+def _encoded(axis: str, setup: Setup, drive: Drive, effects: Sequence[Effect]) -> Array:
+    """Where an encoder finds an axis, rad, (n,): at the command, and what the drive leaves."""
+    found = drive.axes[axis]
+    if axis in drive.structure:
+        found = found + drive.structure[axis]
+    of_drive = [e for e in effects if isinstance(e, AngleEffect) and e.of_drive]
+    for effect in of_drive:
+        if effect.address not in drive.realised and effect.acts_on(axis, setup.rig):
+            found = found + effect.deviation(drive, axis, None)
+    return np.array(np.broadcast_to(found.x, drive.time.shape))
+
+
 def make_sense(sensor: Sensor, setup: Setup, motion: Motion, drive: Drive) -> Sense:
     """What a sensor senses of a motion."""
     return Sense(
@@ -260,4 +275,5 @@ def make_sense(sensor: Sensor, setup: Setup, motion: Motion, drive: Drive) -> Se
         drive.stop,
         drive.standstills,
         {name: np.broadcast_to(jet.v, motion.time.shape) for name, jet in drive.axes.items()},
+        encoded=None if sensor.of is None else np.asarray(drive.axes[sensor.of].x),
     )

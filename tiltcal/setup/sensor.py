@@ -14,7 +14,13 @@ from tiltcal.setup.part import StrictTable
 RESERVED = {"time", "table", "temperature", "label", "tilt", "north"}
 
 
-QUANTITY = {"accelerometer": "acceleration", "inclinometer": "angle", "gyro": "rate", "fog": "rate"}
+QUANTITY = {
+    "accelerometer": "acceleration",
+    "inclinometer": "angle",
+    "gyro": "rate",
+    "fog": "rate",
+    "encoder": "angle",
+}
 
 
 SLOPES = {
@@ -24,7 +30,13 @@ SLOPES = {
 }
 
 
-DEFAULT_UNIT = {"accelerometer": "m_s2", "inclinometer": "deg", "gyro": "deg_s", "fog": "deg_h"}
+DEFAULT_UNIT = {
+    "accelerometer": "m_s2",
+    "inclinometer": "deg",
+    "gyro": "deg_s",
+    "fog": "deg_h",
+    "encoder": "deg",
+}
 
 
 def _not_zero(value: float) -> float:
@@ -153,16 +165,20 @@ class Sensor(StrictTable):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]*$")]
     """Prefix of its columns, such as `accel`; not one of the reserved names."""
-    kind: Literal["accelerometer", "inclinometer", "gyro", "fog"]
-    """What it senses; a sensor that reads the sine of its tilt is an accelerometer."""
+    kind: Literal["accelerometer", "inclinometer", "gyro", "fog", "encoder"]
+    """What it senses; a sensor that reads the sine of its tilt is an accelerometer, and an encoder
+    reads an axis whose table column is the command."""
     axes: tuple[str, ...] = ("x", "y", "z")
-    """Channels, along axes of the body; an inclinometer has x and y, a FOG the one axis a."""
+    """Channels, along axes of the body; an inclinometer has x and y, a FOG and an encoder the one
+    axis a."""
     rate_hz: Annotated[float, Field(gt=0)] = 100.0
     """Sample rate of a simulated recording, Hz."""
     adjustable: tuple[str, ...] = ()
     """What a calibration may re-tune: `bias`, `scale`, `cross_axis`, or ids of effects."""
     input_axis: tuple[float, float, float] | None = None
     """Input axis of a FOG in the body frame; its length does not matter."""
+    of: str | None = None
+    """Axis of the rig that an encoder reads."""
     input: Input | None = None
     """How raw columns become SI."""
     converter: Converter | None = None
@@ -178,7 +194,8 @@ class Sensor(StrictTable):
     def _consistent(self) -> "Sensor":
         if self.name in RESERVED:
             raise ValueError(f"the sensor name '{self.name}' is reserved")
-        allowed = {"fog": {"a"}, "inclinometer": {"x", "y"}}.get(self.kind, {"x", "y", "z"})
+        alone = {"fog": {"a"}, "encoder": {"a"}, "inclinometer": {"x", "y"}}
+        allowed = alone.get(self.kind, {"x", "y", "z"})
         if not self.axes or not set(self.axes) <= allowed or len(set(self.axes)) != len(self.axes):
             raise ValueError(
                 f"axes of a {self.kind} are among {', '.join(sorted(allowed))}, each once"
@@ -187,6 +204,8 @@ class Sensor(StrictTable):
             raise ValueError(
                 "a fog needs input_axis = [ux, uy, uz], its input axis in the body frame"
             )
+        if (self.kind == "encoder") != (self.of is not None):
+            raise ValueError('an encoder, and no other sensor, needs of = "outer", its axis')
         if self.converter is not None:
             if (
                 not self.is_accelerometer
@@ -238,5 +257,5 @@ class Sensor(StrictTable):
 
     @property
     def axis_indices(self) -> tuple[int, ...]:
-        """Body axis of each channel (a FOG's single channel counts as 0)."""
+        """Body axis of each channel (the single one of a FOG or an encoder counts as 0)."""
         return tuple("xyz".find(axis) if axis != "a" else 0 for axis in self.axes)

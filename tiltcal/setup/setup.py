@@ -262,6 +262,16 @@ class Setup(StrictTable):
         for s in self.sensor:
             if s.place is not None and s.place.on not in {BASE, *(k.axis for k in self.rig.link)}:
                 raise ValueError(f"sensor '{s.name}' on '{s.place.on}', which is no link")
+            if s.of is None:
+                continue
+            if s.of not in self.rig.axis_names:
+                names = ", ".join(self.rig.axis_names) or "none"
+                raise ValueError(f"encoder '{s.name}' of '{s.of}', which is no axis: {names}")
+            if self.rig.readout != "command":
+                raise ValueError(
+                    f"encoder '{s.name}' beside readout = 'encoder': the table columns hold what it"
+                    " reads; write readout = 'command'"
+                )
         return self
 
     @property

@@ -15,8 +15,15 @@ from tiltcal.effects.sense import Sense
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
-_PREFIX = {"accelerometer": "acc", "inclinometer": "acc", "gyro": "gyr", "fog": "fog"}
-_SI = {"accelerometer": "m_s2", "inclinometer": "m_s2", "gyro": "rad_s", "fog": "rad_s"}
+_ACC, _RATE = ("acc", "m_s2"), "rad_s"
+_KINDS = {
+    "accelerometer": _ACC,
+    "inclinometer": _ACC,
+    "gyro": ("gyr", _RATE),
+    "fog": ("fog", _RATE),
+    "encoder": ("enc", "rad"),
+}
+"""Prefix of the effects of each kind of sensor, and SI unit of what it reads."""
 
 LINEAR = ("bias", "scale", "cross_axis")
 
@@ -44,7 +51,7 @@ def effect_of_term(term: str, sensor: Sensor) -> type[TermEffect]:
     Raises:
         TiltcalError: there is no such linear term for this sensor.
     """
-    prefix = _PREFIX[sensor.kind]
+    prefix = _KINDS[sensor.kind][0]
     cls = calibration_effect(term, sensor.kind) or CATALOGUE.get(f"{prefix}_{term}")
     if (
         cls is None
@@ -92,7 +99,9 @@ def columns_under(
                 if channel >= 0:
                     block[:, channel] = column
                 linear = term in LINEAR
-                unit = _SI[sensor.kind] if term == "bias" else "1" if linear else parameter.unit
+                unit = (
+                    _KINDS[sensor.kind][1] if term == "bias" else "1" if linear else parameter.unit
+                )
                 columns.append(block if linear else block * parameter.factor)
                 names.append(f"{sensor.name}.{_cal_name(name)}")
                 units.append(unit)

@@ -12,7 +12,13 @@ from tiltcal.core.units import COLUMN_UNITS, readable_unit
 from tiltcal.diagnosis.data.observations import Channel, Observations
 
 PIECES = 150  # of a recording's time: a longer rest or move is shown in several points
-UNITS = {"accelerometer": "m_s2", "inclinometer": "rad", "gyro": "rad_s", "fog": "rad_s"}
+UNITS = {
+    "accelerometer": "m_s2",
+    "inclinometer": "rad",
+    "gyro": "rad_s",
+    "fog": "rad_s",
+    "encoder": "rad",
+}
 
 
 @dataclass(frozen=True)

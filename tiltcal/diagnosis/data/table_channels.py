@@ -409,5 +409,5 @@ class TableObservations(Observations):
         return {
             s.name: sensor_matrix(s.name, self.scenario, around)
             for s in self.scenario.sensor
-            if s.kind != "fog"
+            if s.kind not in ("fog", "encoder")
         }

@@ -135,8 +135,9 @@ def _reading_curves(
         if knots := even_knots(f"{sensor.name}_input", span, count):
             yield replace(curve_over(LearnedReading, "input", knots, **where), alias=cls.id)
     yield from _waves(span.lines.waves, where)
-    inputs = [f"{q}_{a}" for q in ("force", "rate") for a in "xyz"]
-    turns = [f"angular_acceleration_{a}" for a in "xyz"]
+    of_body = "" if sensor.kind == "encoder" else "xyz"  # no encoder feels the body's motion
+    inputs = [f"{q}_{a}" for q in ("force", "rate") for a in of_body]
+    turns = [f"angular_acceleration_{a}" for a in of_body]
     own = f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}"
     sideways = ["transverse"] if sensor.kind == "fog" else []
     others = [c for c in (*inputs, *turns, *sideways) if c != own]
@@ -146,7 +147,7 @@ def _reading_curves(
             yield curve_over(LearnedReading, coordinate, knots, **where)
             if coordinate in others and coordinate not in turns:
                 yield from powers(coordinate, where)
-    if not sensor.is_accelerometer and sum(f"rate_{a}" in span.ranges for a in "xyz") > 1:
+    if sensor.quantity == "rate" and sum(f"rate_{a}" in span.ranges for a in "xyz") > 1:
         coning = "coning" if sensor.kind == "fog" else f"coning_{axis}"
         yield curve_over(LearnedReading, coning, 1, power=1.0, odd=True, **where)
     for coordinate in ("time", "temperature"):

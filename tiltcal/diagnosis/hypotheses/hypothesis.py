@@ -191,7 +191,8 @@ def _eligible(cls: type[Effect], scenario: Scenario) -> bool:
 
 def _apart_on(cls: type[Effect], scenario: Scenario) -> bool:
     """Whether an effect is looked for beside another of the same form."""
-    return cls.apart_on_joints and scenario.rig.kind.chain is not None
+    by_encoder = cls.of_drive and bool(scenario.sensors("encoder"))
+    return by_encoder or (cls.apart_on_joints and scenario.rig.kind.chain is not None)
 
 
 def _told_on(cls: type[Effect], scenario: Scenario) -> bool:

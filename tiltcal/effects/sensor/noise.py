@@ -13,7 +13,7 @@ from tiltcal.core.units import G0
 from tiltcal.effects.base import SignalEffect
 from tiltcal.effects.hysteresis_and_lag import SteadyRecursion, steady_recursion
 from tiltcal.effects.parameter import Parameter
-from tiltcal.effects.sense import ACCELEROMETERS, Sense
+from tiltcal.effects.sense import ACCELEROMETERS, ENCODER, Sense
 from tiltcal.effects.sensor.environmental import GYROS
 from tiltcal.effects.sensor.stepped_noise import SteppedNoise
 from tiltcal.effects.stepwise import StepEffect, Stepping
@@ -212,6 +212,19 @@ class GyrNoise(Noise):
     ordinary = True
 
 
+class EncNoise(Noise):
+    id = "enc_noise"
+    needs = "any"
+    kinds = ENCODER
+    title = "white, flicker, random walk of an encoder"
+    parameters = (
+        Parameter("white", "arcsec_rthz", (0.01, 0.1, 1), positive=True),
+        Parameter("flicker", "arcsec", (0.003, 0.03, 0.3), positive=True),
+        Parameter("walk", "arcsec_rts", (0.0003, 0.003, 0.03), positive=True),
+    )
+    ordinary = True
+
+
 def worst_grade(kind: str) -> tuple[float, float]:
     """Flicker and random walk over the white noise per root hertz, Hz^1/2 and 1/s, of the worst
     grade of a kind of sensor.
@@ -230,6 +243,6 @@ def largest_slow_noise(kind: str) -> tuple[float, float]:
 
 def _sizes(kind: str) -> list[list[float]]:
     """White noise, flicker and random walk of the grades of a kind of sensor, SI."""
-    cls = next(c for c in (AccNoise, GyrNoise) if c.senses(kind))
+    cls = next(c for c in (AccNoise, GyrNoise, EncNoise) if c.senses(kind))
     size = 1 / G0 if kind == "inclinometer" else 1.0
     return [[grade * p.factor * size for grade in p.plausible] for p in cls.parameters]

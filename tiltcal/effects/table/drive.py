@@ -39,6 +39,7 @@ class ServoDroop(TableSag):
     ordinary = False
     same_form_as = "table_sag"
     seen_by_encoder = True
+    of_drive = True
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         axis = rig.kind.loaded
@@ -180,6 +181,7 @@ class ServoFrictionDeadband(AngleEffect):
     linear = True
     alike_on_axes = True
     seen_by_encoder = True
+    of_drive = True
 
     @classmethod
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
@@ -209,6 +211,7 @@ class ServoLag(AngleEffect):
     linear = True
     alike_on_axes = True
     seen_by_encoder = True
+    of_drive = True
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         jet, tau = drive.axes[axis], self.value("tau")
@@ -216,6 +219,31 @@ class ServoLag(AngleEffect):
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         return (Lag(self.axis or rig.axis_names[0], self.value("tau")),)
+
+
+class ServoInertia(AngleEffect):
+    row_wise = True
+    id = "servo_inertia"
+    needs = "motion"
+    stage = "table"
+    title = "lag proportional to acceleration"
+    parameters = (Parameter("inertia", "ms2", (1, 100, 3000), positive=True),)
+    physics = (
+        "The torque that accelerates rotor and load bends the loop: J / kp, the armature's inertia"
+        " among it; one over the square of the loop's natural frequency."
+    )
+    equation = "true = command - k acceleration (readout = command)"
+    source = "Physics: Table mechanics"
+    excited_by = "moves that begin and end quickly"
+    look = "where a move begins and ends, of opposite signs; nothing at rest or a steady rate"
+    linear = True
+    alike_on_axes = True
+    seen_by_encoder = True
+    of_drive = True
+
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        nothing = np.zeros_like(drive.time)
+        return Jet(-self.value("inertia") * drive.axes[axis].a, nothing, nothing)
 
 
 class ServoRipple(AngleEffect):
@@ -232,6 +260,7 @@ class ServoRipple(AngleEffect):
     source = "IEEE 1554; Physics: Table mechanics"
     excited_by = "turning, and stops at odd angles"
     look = "rate modulated at constant angle spacing; gyro and encoder both see it"
+    of_drive = True
     same_form_as = "table_encoder_sde"
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:

@@ -261,9 +261,17 @@ def require_stepwise(sensor: Sensor, step_s: float) -> None:
     """Refuse a sensor that cannot be sampled at the steps of a simulation.
 
     Raises:
-        TiltcalError: it has a converter, or its samples fall between the steps.
+        TiltcalError: it reads no force or rate, has a converter, or its samples fall between the
+            steps.
     """
     subject = f"sensor {sensor.name}"
+    if sensor.of is not None:
+        raise TiltcalError(
+            subject,
+            found="an encoder, which reads what a drive leaves of its command",
+            need="sensors of force and rate",
+            do="leave it out; `tiltcal simulate` records it",
+        )
     if sensor.converter is not None:
         raise TiltcalError(
             subject,

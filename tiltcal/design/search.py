@@ -231,6 +231,8 @@ def on_steps(problem: Problem, draft: Draft) -> Draft:
         before = best.value
         for k in range(len(best.angles)):
             for turn in np.vstack([np.eye(axes), -np.eye(axes)]) * step:
+                if k >= len(best.angles):  # poses that became the same are one
+                    break
                 angles = best.angles.copy()
                 angles[k] += turn
                 if np.allclose(problem.clock.inside(angles), angles):

@@ -1,6 +1,7 @@
 """A finished design: poses, reading times, and the expected uncertainties."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,9 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.progress import Progress, silent
 from tiltcal.core.tasks.engines import Engine
 from tiltcal.core.units import ARCSEC, DEG
-from tiltcal.design.classic import CLASSIC, baseline, classic, within_limits
-from tiltcal.design.criteria import gain, tilt_rms
-from tiltcal.design.gradient_search import Problem
+from tiltcal.design.classic import CLASSIC, baseline, classic, dwelling, within_limits
+from tiltcal.design.criteria import gain, tilt_rms, value
+from tiltcal.design.gradient_search import Draft, Problem
 from tiltcal.design.search import Effort, poses_worth, search
 from tiltcal.setup.tables import DUAL, Table
 
@@ -168,7 +169,9 @@ def design(
     drafts = {name: d for name, d in drafts.items() if len(d.angles)}
     few = poses_worth(problem) <= FEW
     usual = SPARING if len(problem.model.names) > LARGE else EAGER if few else Effort()
-    best = search(problem, list(drafts.values()), seed, effort or usual, notice, engine)
+    starts = [*drafts.values(), *dwelling(problem, table)]
+    above = replace(problem, floors=_floors(problem, list(drafts.values())))
+    best = search(above, starts, seed, effort or usual, notice, engine)
     done = {
         name: forecast(problem, d.angles, problem.dwells(d.angles, d.z))
         for name, d in drafts.items()
@@ -177,3 +180,13 @@ def design(
     inside = {k: (len(within_limits(c, problem.clock)), len(c)) for k, c in cycles.items()}
     dwell = problem.dwells(best.angles, best.z)
     return Plan(problem, best.angles, dwell, table.tilting, done, inside)
+
+
+def _floors(problem: Problem, classics: Sequence[Draft]) -> tuple[float, float]:
+    """The most nats of a classic sequence, and the most in terms of the tilt."""
+    every = [problem.information(d.angles, problem.dwells(d.angles, d.z)) for d in classics]
+    nats, tilt = (
+        max((value(information, problem.model, c) for information in every), default=-np.inf)
+        for c in ("D", "tilt")
+    )
+    return nats, tilt

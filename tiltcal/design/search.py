@@ -19,6 +19,8 @@ from tiltcal.core.tasks.run_tasks import values_of
 from tiltcal.design.gradient_search import Draft, Problem, ascend
 from tiltcal.design.time_budget import Clock
 
+SWEEPS = 5  # over all poses, on steps
+ON_STEPS = 2  # drafts that are brought onto steps
 PATHS, BEST = "improving paths", "improving the best paths"
 # measured: of the ascent of a draft; part of a round
 ITERATIONS_OF_A_TRIAL = 1.0
@@ -31,6 +33,7 @@ class Effort:
 
     Args:
         starts: paths.
+        begun: sequences beside them, of those that are given.
         first, then: iterations of ascent of all of them, and of the best.
         kept: how many those are.
         rounds: of single changes.
@@ -38,6 +41,7 @@ class Effort:
     """
 
     starts: int = 18
+    begun: int = 4
     first: int = 40
     then: int = 120
     kept: int = 3
@@ -48,7 +52,10 @@ class Effort:
     def shares(self) -> dict[str, float]:
         """Work of each stage of the search, in iterations of the ascent of a draft."""
         change = self.then + ITERATIONS_OF_A_TRIAL * self.trials
-        found = {PATHS: float(self.starts * self.first), BEST: float(self.kept * self.then)}
+        found = {
+            PATHS: float((self.starts + self.begun) * self.first),
+            BEST: float(self.kept * self.then),
+        }
         rounds = {self.round_name(k): self.kept * change for k in range(self.rounds)}
         return found | rounds
 
@@ -77,7 +84,9 @@ def search(
     """
     rng, stages = np.random.default_rng(seed), Stages(notice, effort.shares)
     drafts = [problem.rated(d.angles, d.z) for d in starts]
+    drafts = sorted(drafts, key=_worth(problem), reverse=True)
     begun = [problem.rated(a, np.zeros(len(a))) for a in paths(problem, rng, effort.starts)]
+    begun += drafts[: effort.begun]
     stages.begin(PATHS)
     drafts += _ascended(problem, begun, effort.first, engine, stages.part)
     best = sorted(drafts, key=_worth(problem), reverse=True)[: effort.kept]
@@ -89,7 +98,7 @@ def search(
         stages.part(CHANGES)
         best = _ascended(problem, best, effort.then, engine)
     if problem.clock.step > 0:
-        best = [on_steps(problem, d) for d in best]
+        best = [on_steps(problem, d) for d in sorted(best, key=_worth(problem))[-ON_STEPS:]]
     return max([*best, *(problem.rated(d.angles, d.z) for d in starts)], key=_worth(problem))
 
 
@@ -220,25 +229,38 @@ def _other_side(draft: Draft, origin: Array) -> Iterator[tuple[Array, Array]]:
 
 
 def on_steps(problem: Problem, draft: Draft) -> Draft:
-    """The draft on the table's steps: rounded, then each angle a step up or down while that
+    """The draft on the table's steps: rounded, then one change of a pose at a time while that
     helps.
     """
     best = ascend(
         problem, problem.rated(problem.clock.inside(draft.angles), draft.z), 40, dwells_only=True
     )
-    step, axes = problem.clock.step, draft.angles.shape[1]
-    for _ in range(3):
+    for _ in range(SWEEPS):
         before = best.value
-        for k in range(len(best.angles)):
-            for turn in np.vstack([np.eye(axes), -np.eye(axes)]) * step:
-                if k >= len(best.angles):  # poses that became the same are one
-                    break
-                angles = best.angles.copy()
-                angles[k] += turn
-                if np.allclose(problem.clock.inside(angles), angles):
-                    trial = problem.rated(problem.clock.inside(angles), best.z)
-                    best = trial if trial.value > best.value else best
+        k = 0
+        while k < len(best.angles):  # poses that become the same are one: there may be fewer
+            for angles, z in _near_on_steps(best, k, problem.clock.step):
+                trial = problem.rated(problem.clock.inside(angles), z)
+                best = trial if trial.value > best.value else best
+            k += 1
         best = ascend(problem, best, 40, dwells_only=True)
         if best.value - before < 1e-3:
             break
     return best
+
+
+def _near_on_steps(draft: Draft, k: int, step: float) -> Iterator[tuple[Array, Array]]:
+    """Pose k some steps away, left out, exchanged with the next, and once more a step away."""
+    angles, z = draft.angles, draft.z
+    ways = np.vstack([np.eye(angles.shape[1]), -np.eye(angles.shape[1])]) * step
+    for turn in np.vstack([ways, 2 * ways, 4 * ways]):
+        turned = angles.copy()
+        turned[k] += turn
+        yield turned, z
+    for way in ways:
+        yield np.insert(angles, k + 1, angles[k] + way, axis=0), np.insert(z, k + 1, z[k])
+    if k + 1 < len(angles):
+        order = np.arange(len(angles))
+        order[k : k + 2] = k + 1, k
+        yield angles[order], z[order]
+        yield np.delete(angles, k, axis=0), np.delete(z, k)

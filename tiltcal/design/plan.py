@@ -21,6 +21,8 @@ SPARING = Effort(starts=6, first=25, then=60, kept=2, rounds=1, trials=20)
 # poses up to which more paths are tried: they are cheap, and there are more kinds of good ones
 FEW = 25
 EAGER = Effort(starts=42, kept=5, rounds=3)
+VERY_FEW = 8
+THOROUGH = replace(EAGER, hops=300)
 
 
 @dataclass(frozen=True)
@@ -167,8 +169,7 @@ def design(
     """
     drafts = {name: baseline(problem, name, table) for name in CLASSIC}
     drafts = {name: d for name, d in drafts.items() if len(d.angles)}
-    few = poses_worth(problem) <= FEW
-    usual = SPARING if len(problem.model.names) > LARGE else EAGER if few else Effort()
+    usual = _effort(len(problem.model.names), poses_worth(problem))
     starts = [*drafts.values(), *dwelling(problem, table)]
     above = replace(problem, floors=_floors(problem, list(drafts.values())))
     best = search(above, starts, seed, effort or usual, notice, engine)
@@ -180,6 +181,12 @@ def design(
     inside = {k: (len(within_limits(c, problem.clock)), len(c)) for k, c in cycles.items()}
     dwell = problem.dwells(best.angles, best.z)
     return Plan(problem, best.angles, dwell, table.tilting, done, inside)
+
+
+def _effort(parameters: int, poses: int) -> Effort:
+    if parameters > LARGE:
+        return SPARING
+    return THOROUGH if poses <= VERY_FEW else EAGER if poses <= FEW else Effort()
 
 
 def _floors(problem: Problem, classics: Sequence[Draft]) -> tuple[float, float]:

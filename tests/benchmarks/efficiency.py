@@ -15,7 +15,7 @@ from tests.model_rig import Mapped, scenario_text
 from tests.model_trials import ROBOTS
 from tiltcal.cli.design import TEXTBOOK
 from tiltcal.core.units import DEG, G0
-from tiltcal.design.bound import efficiency
+from tiltcal.design.bound import efficiencies
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.plan import design
 from tiltcal.design.polynomial import textbook_model
@@ -87,14 +87,15 @@ def report(name: str, problem: Problem, table: Table, least: float | None = None
     begun = time.process_time()
     plan = design(problem, table)
     designed = time.process_time()
-    share = efficiency(problem, plan.angles, plan.dwell)
+    shares = efficiencies(problem, plan.angles, plan.dwell)
     took = designed - begun, time.process_time() - designed
     classics = plan.baselines.values()
     nats = max((f.nats for f in classics), default=0.0)
     tilt = min((f.tilt_arcsec for f in classics), default=float("inf"))
     print(
-        f"efficiency {name}: {100 * share:.1f} %"
+        f"efficiency {name}: {100 * shares.at_its_times:.1f} %"
         f"{'' if least is None else f' (at least {100 * least:.0f} %)'},"
+        f" of all plans {100 * shares.of_all:.1f} %,"
         f" {plan.forecast.poses} poses, {plan.forecast.nats:.3f} nats (best classic {nats:.3f}),"
         f" {plan.forecast.tilt_arcsec:.4f} arcsec (best classic {tilt:.4f});"
         f" search {took[0]:.1f} s, bound {took[1]:.1f} s",

@@ -37,7 +37,9 @@ def test_a_goal_for_all_axes_in_another_unit():
         ("bias=0ug", "need a positive number"),
         ("bias=3arcsec", "unit arcsec"),
         ("bais=3", "did you mean"),
-        ("drift=3", "no such parameter"),
+        ("drift=3", "a nuisance"),
+        ("xyz=3", "need tilt, U, bias, scale; correct it"),
+        ("bias=3furlong", "need one of .*; state it in ug"),
     ],
 )
 def test_what_is_no_goal_is_refused(text, said):

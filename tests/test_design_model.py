@@ -16,6 +16,7 @@ from tiltcal.design.recording_blocks import candidates
 from tiltcal.design.scenario_problem import clock_of
 from tiltcal.design.static_instrument import Still, pointwise, still_sense
 from tiltcal.design.tabulated import changes_of, tabulate
+from tiltcal.design.terms import Wanted, scenario_model
 from tiltcal.diagnosis.investigation.next_block import Limits, table_of
 from tiltcal.effects import make_effect
 from tiltcal.laboratory.scenario import load_scenario
@@ -145,3 +146,16 @@ def test_an_instrument_that_no_axis_tilts_is_refused(tmp_path):
     (tmp_path / "s.toml").write_text(scenario_text("arm.xml", AXES, "base_imu"))
     with pytest.raises(TiltcalError, match=r"arm\.xml: found no axis that tilts the instrument"):
         clock_of(load_scenario(tmp_path / "s.toml"), 100.0)
+
+
+def test_a_joint_about_the_vertical_is_named_as_not_visible(tmp_path):
+    """Its axis tilts nothing, so that a design does not move it: the others' errors show."""
+    (tmp_path / "arm.xml").write_text(ARM.read_text().replace('euler="0 0 30"', 'euler="0 0 0"'))
+    (tmp_path / "s.toml").write_text(scenario_text("arm.xml", AXES, "tool"))
+    scenario = load_scenario(tmp_path / "s.toml")
+    wanted = Wanted(("bias", "joint_axis_tilt"))
+    model, unseen = scenario_model(scenario, scenario.sensor[0], wanted, 100.0)
+    assert "pan" not in Still(scenario, 100.0).axes
+    assert unseen == ("joint_axis_tilt[pan]",)
+    for axis in ("lift", "elbow", "wrist"):
+        assert f"joint_axis_tilt[{axis}].tilt_x" in model.names

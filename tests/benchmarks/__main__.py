@@ -17,6 +17,7 @@ ROOMS = (
     "placing",
     "firmware",
     "designing",
+    "efficiency",
     "accuracy",
     "draws",
     "allan",

@@ -11,7 +11,7 @@ from tiltcal.core.files import make_folder
 from tiltcal.core.progress import Progress, silent
 from tiltcal.core.tabular import Tabular
 from tiltcal.core.tasks.engines import Engine
-from tiltcal.design.bound import efficiency
+from tiltcal.design.bound import Efficiency, efficiencies
 from tiltcal.design.feasibility import check_possible
 from tiltcal.design.goals import Goal, goals_of, least_time
 from tiltcal.design.gradient_search import Problem
@@ -34,8 +34,7 @@ class DesignedSequence(Tabular):
         up: the up direction of each pose in the body frame, (n, 3).
         unseen: effects that no pose shows.
         inseparable: terms that these poses do not separate from the others.
-        efficiency: lower bound on the information per parameter over the most that any poses give
-            that are read at these times for as long.
+        efficiencies: lower bounds on its information per parameter over the most that is possible.
         goals: that its time was chosen by.
     """
 
@@ -44,8 +43,15 @@ class DesignedSequence(Tabular):
     up: Array
     unseen: tuple[str, ...]
     inseparable: tuple[str, ...]
-    efficiency: float
+    efficiencies: Efficiency
     goals: tuple[Goal, ...] = ()
+
+    @property
+    def efficiency(self) -> float:
+        """Lower bound on the information per parameter over the most that any poses give that are
+        read at these times for as long.
+        """
+        return self.efficiencies.at_its_times
 
     @property
     def reaches_goals(self) -> bool:
@@ -71,7 +77,7 @@ class DesignedSequence(Tabular):
         )
 
     def __str__(self) -> str:
-        return printable(self.plan, self.up, self.efficiency, self._goals_reached())
+        return printable(self.plan, self.up, self.efficiencies, self._goals_reached())
 
     def _goals_reached(self) -> list[tuple[Goal, float]]:
         """Goals with what is expected."""
@@ -91,7 +97,11 @@ class DesignedSequence(Tabular):
             }
             for g, e in self._goals_reached()
         ]
-        return self.plan.to_json() | {"efficiency": self.efficiency, "goals": goals} | told
+        shares = {
+            "efficiency": self.efficiencies.at_its_times,
+            "efficiency_of_all": self.efficiencies.of_all,
+        }
+        return self.plan.to_json() | shares | {"goals": goals} | told
 
     def save(self, folder: Path | str) -> None:
         """Write design.toml, steps.csv, steps.txt, segments.csv, design.json and report.html to a
@@ -140,8 +150,8 @@ def designed(
     still = Still(scenario.seen_by(sensor), problem.clock.budget)
     undetermined = check_possible(problem, still.axes, everything)
     plan = find_plan(problem, still.scenario.rig.kind, seed, notice=progress, engine=engine)
-    share = efficiency(problem, plan.angles, plan.dwell)
-    return DesignedSequence(plan, scenario, still.up(plan.angles), unseen, undetermined, share)
+    shares = efficiencies(problem, plan.angles, plan.dwell)
+    return DesignedSequence(plan, scenario, still.up(plan.angles), unseen, undetermined, shares)
 
 
 ProblemIn = Callable[[float], tuple[Problem, tuple[str, ...]]]

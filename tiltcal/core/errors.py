@@ -54,12 +54,12 @@ def one_of(token: str, valid: Collection[str], subject: str, what: str = "") -> 
         TiltcalError: it is none of them.
     """
     if token not in valid:
-        close = _near(token, list(valid))
+        close = nearest_of(token, list(valid))
         raise TiltcalError(
             subject,
             found=f"{what} '{token}'".strip(),
             need="one of " + ", ".join(valid),
-            do=f"did you mean '{close[0]}'?" if close else "correct it",
+            do=f"did you mean '{close}'?" if close else "correct it",
         )
     return token
 
@@ -68,13 +68,14 @@ def nearest(token: str, valid: list[str]) -> str:
     """A hint ``did you mean ...`` with the nearest valid entry, or the list of all when none is
     near.
     """
-    close = _near(token, valid)
-    return f"did you mean '{close[0]}'?" if close else "valid are " + ", ".join(sorted(valid))
+    close = nearest_of(token, valid)
+    return f"did you mean '{close}'?" if close else "valid are " + ", ".join(sorted(valid))
 
 
-def _near(token: str, valid: list[str]) -> list[str]:
+def nearest_of(token: str, valid: list[str]) -> str:
+    """The valid entry that is nearest to a token; empty when none is near."""
     import difflib
 
     close = difflib.get_close_matches(token, valid, n=1, cutoff=0.5)
     # the first letters are often right
-    return close or [v for v in valid if token[:4] and v.startswith(token[:4])][:1]
+    return next(iter(close or (v for v in valid if token[:4] and v.startswith(token[:4]))), "")

@@ -20,11 +20,13 @@ from tiltcal.core.units import DEG
 from tiltcal.design.criteria import value_and_slope
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.pose_grids import grid, spread
+from tiltcal.design.time_budget import SAME
 
 GRID = {1: 1 * DEG, 2: 15 * DEG}  # of the poses that get weights, by the number of axes
 DENSE = {1: 0.25 * DEG, 2: 6 * DEG}  # of those over which the tangent is bounded
 FEW, MANY = 500, 4000  # spread poses of more axes
 PARTS = 10  # of the table time
+NODES = 8  # of a part, where weight is spread out over the table time
 ROUNDS, EXCHANGES = 60, 3  # of the weights; how often poses are added where the tangent is steep
 NEAR, AROUND = 64, 20  # best poses near which the tangent is looked at again, and how often each
 CLOSE = 1e-3  # nats between value and bound at which weights are good enough
@@ -57,18 +59,20 @@ class _Visits:
         time: of the middles, s, (n,).
         weight: of the first channel, 1 / variance, (n,).
         noise: of the channels, relative to that of the first, (k,).
+        span: first and last time of the parts, s.
     """
 
     problem: Problem
     time: Array
     weight: Array
     noise: Array
+    span: tuple[float, float]
 
     @property
     def edges(self) -> Array:
         """Of the parts of the time, s, (parts + 1,): one part where nothing depends on it."""
         parts = PARTS if self.problem.model.timed else 1
-        return np.linspace(0.0, self.problem.clock.budget, parts + 1)
+        return np.linspace(*self.span, parts + 1)
 
     @property
     def in_parts(self) -> Array:
@@ -97,15 +101,54 @@ def ideal(problem: Problem, angles: Array, dwell: Array) -> Ideal:
     """
     each = problem.model.weights(dwell)
     noise = np.sqrt(each[0, 0] / each[0])
-    visits = _Visits(problem, problem.clock.middles(angles, dwell), each[:, 0], noise)
+    middles = problem.clock.middles(angles, dwell)
+    span = (0.0, problem.clock.budget)
+    return _ideal(_Visits(problem, middles, each[:, 0], noise, span), angles)
+
+
+def ideal_of_all(problem: Problem) -> Ideal:
+    """The best weights at any poses and times, and a bound on every plan of the table time.
+
+    Proof. Before a dwell of d seconds there are a settling time and a move to another pose, of
+    SAME and of a step at least (nearer poses count as one): together s at least, the move left out
+    before the first. So the intervals from s / 2 before each dwell to s / 2 after it do not
+    overlap, and all lie between s / 2 less the move, and T + s / 2. The weight of a dwell, w(d), is
+    at most r (d + s), with r = max w(d) / (d + s) over all allowed d. The tangent of the criterion
+    by the information gives a dwell w(d) times the pull of its pose at its middle. The pull is a
+    square of columns that are affine in time, convex, so that its mean over the interval, which
+    has the same middle, is no less (Jensen). Thus the dwells together get no more than the
+    integral over the table time of r times the largest pull of any pose.
+
+    Args:
+        problem: model, clock and criterion.
+    """
+    clock, model = problem.clock, problem.model
+    lost = clock.settle + max(clock.step, SAME) / clock.rate
+    longest = max(min(clock.longest, clock.budget), clock.shortest)
+    # d / ((white^2 + floor^2 d) (d + s)) is largest at the root of s white^2 / floor^2, and falls
+    # on both sides of it
+    best = np.sqrt(lost) * model.white / np.maximum(model.floor, 1e-9 * model.white)
+    dwell = np.clip(best, clock.shortest, longest)
+    density = np.diag(model.weights(dwell)) / (dwell + lost)
+    span = (clock.settle - lost / 2, clock.budget + lost / 2)
+    cells = np.linspace(*span, NODES * PARTS + 1)
+    middles, weight = (cells[:-1] + cells[1:]) / 2, density[0] * np.diff(cells)
+    noise = np.sqrt(density[0] / density)
+    visits = _Visits(problem, middles, weight, noise, span)
+    return _ideal(visits, clock.inside(clock.origin[None]))
+
+
+def _ideal(visits: _Visits, angles: Array) -> Ideal:
+    """The best weights, and the bound; angles: poses in addition to a grid, rad, (n, axes)."""
+    problem = visits.problem
     poses, steep, bound = _poses(problem, GRID, FEW), angles, np.inf
     w = np.ones((len(visits.edges) - 1, len(poses)))
     for _ in range(EXCHANGES):
         poses = np.vstack([poses, steep])
         w = np.hstack([w, np.full((len(w), len(steep)), w.mean())])
         poses, w, value, slope, reached = _improved(visits, poses, w)
-        largest, steep = _largest(visits, slope)
-        bound = min(bound, value + float(visits.weight @ largest) - reached)
+        most, steep = _largest(visits, slope)
+        bound = min(bound, value + most - reached)
         if bound - value < CLOSE:
             break
     return Ideal(poses, w, value, bound)
@@ -130,18 +173,47 @@ def _improved(visits: _Visits, poses: Array, w: Array) -> tuple[Array, Array, fl
     return poses, w, value, slope, float((w * pull).sum())
 
 
-def efficiency(problem: Problem, angles: Array, dwell: Array) -> float:
-    """Of a plan, a lower bound: information per parameter over the most that any poses give that
-    are read at the same times for as long; of the criterion, as a ratio of variances.
+@dataclass(frozen=True)
+class Efficiency:
+    """Of a plan, lower bounds on its information per parameter over the most that is possible; of
+    the criterion, as a ratio of variances.
+
+    Args:
+        at_its_times: over any poses that are read at the same times for as long.
+        of_all: over any poses, numbers of readings, times and dwells in the same table time.
+    """
+
+    at_its_times: float
+    of_all: float
+
+
+def efficiencies(problem: Problem, angles: Array, dwell: Array) -> Efficiency:
+    """Both efficiencies of a plan.
 
     Args:
         problem: model, clock and criterion.
         angles: rad, (n, axes).
         dwell: s, (n,).
     """
+    every = _share(problem, angles, dwell, ideal_of_all(problem).bound)
+    return Efficiency(efficiency(problem, angles, dwell), every)
+
+
+def efficiency(problem: Problem, angles: Array, dwell: Array) -> float:
+    """That at the times of the plan.
+
+    Args:
+        problem: model, clock and criterion.
+        angles: rad, (n, axes).
+        dwell: s, (n,).
+    """
+    return _share(problem, angles, dwell, ideal(problem, angles, dwell).bound)
+
+
+def _share(problem: Problem, angles: Array, dwell: Array, bound: float) -> float:
     information = problem.information(angles, dwell)
     value, _ = value_and_slope(information, problem.model, problem.criterion)
-    short = ideal(problem, angles, dwell).bound - value
+    short = bound - value
     return float(np.exp(-2 * max(short, 0.0) / problem.model.interest.sum()))
 
 
@@ -159,9 +231,9 @@ def _pull(rows: Array, slope: Array) -> Array:
     return np.asarray(each.reshape(rows.shape[:3]).sum(axis=2))
 
 
-def _largest(visits: _Visits, slope: Array) -> tuple[Array, Array]:
-    """Largest slope by the weight of each visit, over all allowed poses, (n,), and the poses where
-    it is largest, rad, (m, axes).
+def _largest(visits: _Visits, slope: Array) -> tuple[float, Array]:
+    """The most that the tangent gives to the weight of all visits, over all allowed poses, and the
+    poses where it is largest, rad, (m, axes).
 
     Columns are affine in time, so that it is convex in time: straight lines between the edges of
     the parts are above it.
@@ -181,7 +253,7 @@ def _largest(visits: _Visits, slope: Array) -> tuple[Array, Array]:
     close = at(near)
     largest = np.maximum(found.max(axis=1), close.max(axis=1))
     steep = near[np.argsort(-close.max(axis=0))[:NEAR]]
-    return np.interp(visits.time, edges, largest), steep
+    return float(visits.weight @ np.interp(visits.time, edges, largest)), steep
 
 
 def _poses(problem: Problem, steps: dict[int, float], count: int) -> Array:

@@ -20,6 +20,7 @@ CLASSIC = ("six", "8", "12", "24", "tumble", "sweep", "two_position", "spiral")
 ONE_PLANE = {"six": 90, "8": 45, "12": 30, "24": 15, "tumble": 30, "spiral": 15}
 """Step of each sequence on a table that turns in one plane only, deg."""
 ROUNDING = 1e-9  # rad
+VISITS = (2, 4, 8, 14)  # of each pose, tried
 MOST = 400  # poses that a baseline is tried with
 
 
@@ -106,9 +107,20 @@ def baseline(problem: Problem, name: str, table: Table = DUAL) -> Draft:
     criterion, with equal dwells. Poses that the limits forbid are left out, others are on the
     steps: it obeys the same limits as a plan.
     """
-    cycle = within_limits(classic(name, table), problem.clock)
+    return best_length(problem, within_limits(classic(name, table), problem.clock))
+
+
+def best_length(problem: Problem, cycle: Array, every: int = 1) -> Draft:
+    """A cycle of poses, repeated or shortened to the number that is best for the criterion, with
+    equal dwells; no poses where the budget allows none.
+
+    Args:
+        problem: model, clock and criterion.
+        cycle: rad, (n, axes).
+        every: numbers of poses that are tried: its multiples.
+    """
     best = Draft(np.zeros((0, cycle.shape[1])), np.zeros(0))
-    for angles in _lengths(problem, cycle):
+    for angles in _lengths(problem, cycle, every):
         trial = problem.rated(angles, np.zeros(len(angles)))
         best = trial if trial.value > best.value else best
     return best
@@ -132,13 +144,39 @@ def within_limits(cycle: Array, clock: Clock) -> Array:
     return clock.inside(found[kept])
 
 
-def _lengths(problem: Problem, cycle: Array) -> Iterator[Array]:
+def dwelling(problem: Problem, table: Table = DUAL) -> list[Draft]:
+    """The classic sequences with several short moves at each of their poses, there and back: a pose
+    that is taken again has a new floor, and the way to it costs next to nothing.
+
+    Args:
+        problem: model, clock and criterion.
+        table: table that takes the poses.
+    """
+    clock, found = problem.clock, {}
+    for name in CLASSIC:
+        cycle = within_limits(classic(name, table), clock)
+        stops = np.unique(np.round(cycle, 9), axis=0) if table.pointing is None else cycle
+        for visits in VISITS:
+            there = np.repeat(stops, visits, axis=0)
+            there[1::2] += clock.nudge * np.where(there[1::2] > _middles(clock), -1, 1)
+            around = best_length(problem, clock.inside(np.vstack([there, there[::-1]])), 4)
+            if len(around.angles):
+                found[around.angles.tobytes()] = around
+    return list(found.values())
+
+
+def _middles(clock: Clock) -> Array:
+    """Of the allowed angles, rad, (axes,); where an axis turns without end: no angle is beyond."""
+    return np.array([np.inf if pair is None else sum(pair) / 2 for pair in clock.limits])
+
+
+def _lengths(problem: Problem, cycle: Array, every: int) -> Iterator[Array]:
     """The cycle repeated and cut to every number of poses that fits the budget."""
     if len(cycle) == 0:
         return
     clock = problem.clock
     repeated = unwound(np.tile(cycle, (-(-MOST // len(cycle)), 1)), clock.limits, clock.origin)
     cost = np.cumsum(clock.moves(repeated) + clock.settle + clock.shortest)
-    for n in range(1, int(np.searchsorted(cost, clock.budget, side="right")) + 1):
+    for n in range(every, int(np.searchsorted(cost, clock.budget, side="right")) + 1, every):
         if cost[n - 1] + n * (clock.longest - clock.shortest) >= 0.5 * clock.budget:
             yield repeated[:n]

@@ -13,6 +13,8 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.design.model import Model
 
+NONE = (-np.inf, -np.inf)
+STEEP = 10.0  # nats by which a nat below a floor counts: beyond any trade of one half for the other
 CRITERIA = ("both", "tilt", "D", "A", "I")
 
 
@@ -38,8 +40,18 @@ def value(information: Array, model: Model, criterion: str) -> float:
     return value_and_slope(information, model, criterion)[0]
 
 
-def value_and_slope(information: Array, model: Model, criterion: str) -> tuple[float, Array]:
-    """The criterion and its derivative by the information matrix, (p, p)."""
+def value_and_slope(
+    information: Array, model: Model, criterion: str, floors: tuple[float, float] = NONE
+) -> tuple[float, Array]:
+    """The criterion and its derivative by the information matrix, (p, p).
+
+    Args:
+        information: (p, p).
+        model: parameters and loss.
+        criterion: name.
+        floors: of D and of the tilt, nats, below which ``both`` falls steeply: what lies above
+            them in both comes before what lies above in the mean.
+    """
     C = np.asarray(np.linalg.inv(information), dtype=np.float64)
     if criterion == "D":
         return _gain(information, C, model.interest)
@@ -49,7 +61,11 @@ def value_and_slope(information: Array, model: Model, criterion: str) -> tuple[f
     if criterion in ("I", "tilt"):
         return tilt
     nats = _gain(information, C, model.interest)
-    return (tilt[0] + nats[0]) / 2, (tilt[1] + nats[1]) / 2
+    found, slope = (tilt[0] + nats[0]) / 2, (tilt[1] + nats[1]) / 2
+    for (part, by_part), floor in zip((nats, tilt), floors, strict=True):
+        if part < floor:
+            found, slope = found - STEEP * (floor - part), slope + STEEP * by_part
+    return found, slope
 
 
 def _gain(information: Array, C: Array, interest: Mask) -> tuple[float, Array]:

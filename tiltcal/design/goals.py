@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.errors import TiltcalError, nearest_of
 from tiltcal.core.units import PARAMETER_UNITS
 from tiltcal.design.model import Model
 from tiltcal.design.plan import Forecast
@@ -23,6 +23,7 @@ COVERAGE = 2.0
 NEAR = 1.03  # a time that is no longer than this times a known too short one is the least: a
 # sigma differs by half of that
 TRIALS = 12  # designs at most: the four halvings alone narrow a range to a sixteenth
+LISTED = 8  # kinds of parameters in a message
 _NUMBER = re.compile(r"\s*([-+0-9.eE]+?)\s*(?:([a-zA-Z][a-zA-Z0-9_]*))?\s*")
 _SI = {"1": "unitless"}
 Found = TypeVar("Found")
@@ -62,9 +63,18 @@ def goals_of(texts: Sequence[str], model: Model) -> tuple[Goal, ...]:
     Raises:
         TiltcalError: a text does not read, or no parameter of interest has that name.
     """
-    named = zip(model.names, model.units, model.interest, strict=True)
+    named = list(zip(model.names, model.units, model.interest, strict=True))
+    asked = parse_goals(texts)
+    every = {key: [wanted for n, _, wanted in named if key in _keys(n)] for key in asked}
+    for key in (key for key, wanted in every.items() if wanted and not any(wanted)):
+        raise TiltcalError(
+            f"goal {key}",
+            found="a nuisance, which the design is not for",
+            need="a parameter of interest",
+            do="name its term in --terms",
+        )
     units = {TILT: "arcsec", EXPANDED: "arcsec"} | {n: unit for n, unit, wanted in named if wanted}
-    limits = limits_of(parse_goals(texts), units)
+    limits = limits_of(asked, units)
     return tuple(Goal(name, limits[name], units[name]) for name in units if name in limits)
 
 
@@ -86,11 +96,14 @@ def limits_of(
     named = {key: [name for name in units if key in _keys(name)] for key in asked}
     for key in (key for key, names in named.items() if not names):
         known = sorted({k for name in units for k in _keys(name)})
+        kinds = list(dict.fromkeys(_kind(n) or n for n in units))
+        more = f" ... ({len(kinds) - LISTED} more)" if len(kinds) > LISTED else ""
+        near = nearest_of(key, known)
         raise TiltcalError(
             f"{subject} {key}",
             found="no such parameter",
-            need=f"{', '.join(dict.fromkeys(_kind(n) or n for n in units))}, or one parameter",
-            do=nearest(key, known),
+            need="one that is determined" if near else f"{', '.join(kinds[:LISTED])}{more}",
+            do=f"did you mean '{near}'?" if near else "correct it",
         )
     found: dict[str, float] = {}
     for key in sorted(named, key=lambda key: -len(named[key])):  # one parameter beats its kind
@@ -153,7 +166,7 @@ def _in_unit(value: str | float, unit: str, subject: str) -> float:
             subject,
             found=f"unit {matched[2]}",
             need=f"one of {', '.join(fitting)}",
-            do=nearest(matched[2], fitting),
+            do=f"state it in {unit}",
         )
     return number * stated.factor / own.factor
 

@@ -12,16 +12,16 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import one_of
-from tiltcal.core.units import DEG
 from tiltcal.design.bounded_descent import minimise
-from tiltcal.design.criteria import CRITERIA, value_and_slope
+from tiltcal.design.criteria import CRITERIA, NONE, value_and_slope
 from tiltcal.design.model import Model
-from tiltcal.design.time_budget import Clock
+from tiltcal.design.time_budget import SAME, Clock
 
+APART = 50.0  # nats by which two poses that coincide are pushed apart
 POWER = 8  # of the norm that stands for the largest axis
+KEPT = 1.3  # of the least move: the smoothed size of a move is up to so much above the true one
 SOFT = 1e-4  # rad^2, rounds the corner of a move of length zero
 STEP = 1e-5  # rad, s: of the differences
-SAME = 1 * DEG  # closer poses are one: what a place adds to a mean is the same in both
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,13 @@ class Problem:
         model: information of poses.
         clock: table time of poses.
         criterion: figure of merit, a name of ``criteria``.
+        floors: of D and of the tilt, nats, that a sequence is not to fall below.
     """
 
     model: Model
     clock: Clock
     criterion: str = "both"
+    floors: tuple[float, float] = NONE
 
     def __post_init__(self) -> None:
         one_of(self.criterion, CRITERIA, "criterion")
@@ -102,7 +104,15 @@ class Problem:
         if float(self.clock.spare(angles)) < 0:
             return Draft(angles, z)
         information = self.information(angles, self.dwells(angles, z))
-        return Draft(angles, z, value_and_slope(information, self.model, self.criterion)[0])
+        return Draft(angles, z, self.value_and_slope(information)[0])
+
+    def value_and_slope(self, information: Array) -> tuple[float, Array]:
+        """The criterion, nats, and its derivative by the information, (p, p).
+
+        Args:
+            information: (p, p).
+        """
+        return value_and_slope(information, self.model, self.criterion, self.floors)
 
 
 def merged(angles: Array, z: Array) -> tuple[Array, Array]:
@@ -157,6 +167,7 @@ class _Climb:
         free = clock.budget - moves.sum() - self.n * (clock.settle + clock.shortest)
         if free <= 0:  # back inside, the shortest way
             return 1e4 - free, np.concatenate([_of_legs(by_leg, self.n).ravel(), np.zeros(self.n)])
+        push, by_push = self._apart(moves, by_leg)
         share = np.exp(z - z.max())
         share /= share.sum()
         dwell = clock.shortest + free * share
@@ -164,9 +175,7 @@ class _Climb:
         rows, slopes, by_time = self._rows(angles, time)
         weights = model.weights(dwell)
         flat = (rows * np.sqrt(weights)[:, :, None]).reshape(-1, rows.shape[2])
-        value, G = value_and_slope(
-            np.eye(rows.shape[2]) + flat.T @ flat, model, self.problem.criterion
-        )
+        value, G = self.problem.value_and_slope(np.eye(rows.shape[2]) + flat.T @ flat)
         pull = rows @ G
         of_angle = 2 * np.einsum("nk,nkp,ankp->na", weights, pull, slopes)
         of_dwell = (np.einsum("nkp,nkp->nk", pull, rows) * weights**2 * model.white**2).sum(
@@ -178,8 +187,20 @@ class _Climb:
             later = np.cumsum(of_time[::-1])[::-1]
             of_move[: self.n], of_dwell = later, of_dwell + later - of_time / 2
         of_free = float((of_dwell * share).sum())
-        of_angle += _of_legs((of_move - of_free)[:, None] * by_leg, self.n)
-        return -value, -np.concatenate([of_angle.ravel(), free * share * (of_dwell - of_free)])
+        of_angle += _of_legs((of_move - of_free)[:, None] * by_leg - by_push, self.n)
+        return push - value, -np.concatenate(
+            [of_angle.ravel(), free * share * (of_dwell - of_free)]
+        )
+
+    def _apart(self, moves: Array, by_leg: Array) -> tuple[float, Array]:
+        """What keeps neighbouring poses from becoming one, nats, and its slope by the legs: two
+        readings would be one with one floor. moves: s, (legs,); by_leg: (legs, axes).
+        """
+        between = np.arange(len(moves)) % self.n > 0  # neither from nor to the start
+        least = self.problem.clock.nudge * KEPT / self.problem.clock.rate
+        near = np.where(between, np.maximum(1 - moves / least, 0.0), 0.0)
+        slope = -2 * APART * near / least
+        return float(APART * (near**2).sum()), slope[:, None] * by_leg
 
     def _rows(self, angles: Array, time: Array) -> tuple[Array, Array, Array | None]:
         """Rows, (n, k, p), their slopes by each axis, (axes, n, k, p), and by time when the model

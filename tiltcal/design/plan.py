@@ -1,6 +1,7 @@
 """A finished design: poses, reading times, and the expected uncertainties."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,9 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.progress import Progress, silent
 from tiltcal.core.tasks.engines import Engine
 from tiltcal.core.units import ARCSEC, DEG
-from tiltcal.design.classic import CLASSIC, baseline, classic, within_limits
-from tiltcal.design.criteria import gain, tilt_rms
-from tiltcal.design.gradient_search import Problem
+from tiltcal.design.classic import CLASSIC, baseline, classic, dwelling, within_limits
+from tiltcal.design.criteria import gain, tilt_rms, value
+from tiltcal.design.gradient_search import Draft, Problem
 from tiltcal.design.search import Effort, poses_worth, search
 from tiltcal.setup.tables import DUAL, Table
 
@@ -20,6 +21,8 @@ SPARING = Effort(starts=6, first=25, then=60, kept=2, rounds=1, trials=20)
 # poses up to which more paths are tried: they are cheap, and there are more kinds of good ones
 FEW = 25
 EAGER = Effort(starts=42, kept=5, rounds=3)
+VERY_FEW = 8
+THOROUGH = replace(EAGER, hops=300)
 
 
 @dataclass(frozen=True)
@@ -166,9 +169,10 @@ def design(
     """
     drafts = {name: baseline(problem, name, table) for name in CLASSIC}
     drafts = {name: d for name, d in drafts.items() if len(d.angles)}
-    few = poses_worth(problem) <= FEW
-    usual = SPARING if len(problem.model.names) > LARGE else EAGER if few else Effort()
-    best = search(problem, list(drafts.values()), seed, effort or usual, notice, engine)
+    usual = _effort(len(problem.model.names), poses_worth(problem))
+    starts = [*drafts.values(), *dwelling(problem, table)]
+    above = replace(problem, floors=_floors(problem, list(drafts.values())))
+    best = search(above, starts, seed, effort or usual, notice, engine)
     done = {
         name: forecast(problem, d.angles, problem.dwells(d.angles, d.z))
         for name, d in drafts.items()
@@ -177,3 +181,19 @@ def design(
     inside = {k: (len(within_limits(c, problem.clock)), len(c)) for k, c in cycles.items()}
     dwell = problem.dwells(best.angles, best.z)
     return Plan(problem, best.angles, dwell, table.tilting, done, inside)
+
+
+def _effort(parameters: int, poses: int) -> Effort:
+    if parameters > LARGE:
+        return SPARING
+    return THOROUGH if poses <= VERY_FEW else EAGER if poses <= FEW else Effort()
+
+
+def _floors(problem: Problem, classics: Sequence[Draft]) -> tuple[float, float]:
+    """The most nats of a classic sequence, and the most in terms of the tilt."""
+    every = [problem.information(d.angles, problem.dwells(d.angles, d.z)) for d in classics]
+    nats, tilt = (
+        max((value(information, problem.model, c) for information in every), default=-np.inf)
+        for c in ("D", "tilt")
+    )
+    return nats, tilt

@@ -115,21 +115,21 @@ def scenario_model(
 def wanted_parameters(
     scenario: Scenario, sensor: Sensor, wanted: Wanted, still: Still
 ) -> tuple[list[Parameter], tuple[str, ...]]:
-    """Parameters that poses can show, those of interest first, and the ids of those that they
-    cannot.
+    """Parameters that poses can show, those of interest first, and the ids of the effects that
+    they cannot, or where an effect does not show.
     """
     everything = "all" in wanted.interest
     nuisance = {_id_of(t, sensor) for t in wanted.nuisance}
     named = {_id_of(t, sensor) for t in wanted.interest if t != "all"}
     found: list[Parameter] = []
-    unseen: set[str] = set()
+    hidden: dict[str, set[str]] = {}  # id -> addresses
     for id, owner, axis, name, p, size in candidates(scenario, wanted.grade):
         asked = id in named or id in nuisance
         if not (asked or everything) or (owner is not None and owner != sensor.name):
             continue
         effect = make_effect(id, {f"{name}{p.suffix}": size}, scenario, sensor=owner, axis=axis)
         if any(q.name in EVENTS for q in effect.parameters) or not pointwise(still, sensor, effect):
-            unseen.add(id)
+            hidden.setdefault(id, set()).add(effect.address)
             continue
         scaled = (
             size
@@ -139,9 +139,13 @@ def wanted_parameters(
         effect = make_effect(id, {f"{name}{p.suffix}": scaled}, scenario, sensor=owner, axis=axis)
         label = f"{sensor.name}.{name}" if owner else f"{effect.address}.{name}"
         found.append(Parameter(effect, name, p.unit, scaled, label, id not in nuisance))
-    unseen -= {p.effect.id for p in found}
+    shown = {p.effect.id for p in found}
+    unseen = set(hidden) - shown
     _refuse_unseen(named & unseen, found, named, sensor)
-    return sorted(found, key=lambda p: not p.interest), tuple(sorted(unseen))
+    # of an effect that shows on some joints only: those on which it does not
+    at_shown = {p.effect.address for p in found}
+    parts = set().union(*(hidden[id] - at_shown for id in shown & set(hidden)))
+    return sorted(found, key=lambda p: not p.interest), tuple(sorted(unseen | parts))
 
 
 def _refuse_unseen(

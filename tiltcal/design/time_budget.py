@@ -11,6 +11,8 @@ from tiltcal.core.units import DEG
 Limits = tuple[tuple[float, float] | None, ...]
 """Least and largest angle of each axis, rad; None where it turns without end."""
 SHORTEST, LONGEST = 5.0, 60.0  # s, of a dwell unless stated
+SAME = 1 * DEG  # closer poses are one: what a place adds to a mean is the same in both
+NUDGE = 1.05  # of that: a move that is certainly one
 ROUNDING = 1e-13  # of the budget: sums of some hundred numbers are not known better
 
 
@@ -71,6 +73,11 @@ class Clock:
         if self.start is not None:
             return np.array(self.start)
         return np.array([0.0 if pair is None else np.clip(0.0, *pair) for pair in self.limits])
+
+    @property
+    def nudge(self) -> float:
+        """The least move to another pose, with a margin for rounding, rad."""
+        return max(self.step, NUDGE * SAME)
 
     def moves(self, angles: Array) -> Array:
         """Seconds of the move to each pose, (..., n). angles: rad, (..., n, axes)."""

@@ -2,6 +2,7 @@
 folder, so that a reload and a second tab show the same.
 """
 
+import threading
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -50,6 +51,7 @@ class Session:
         self._next = 0
         self.inspected: set[Hashable] = set()  # stamps of recordings whose findings are known
         self._read = lru_cache(READ)(_loaded)
+        self._reading: dict[Hashable, threading.Lock] = {}
 
     def text(self, key: str) -> str:
         """A text that was chosen or entered; empty where none was."""
@@ -128,7 +130,8 @@ class Session:
         return tuple(found)
 
     def read(self, name: str, what: Hashable, load: Callable[[], Value]) -> Value:
-        """A result of reading a file, kept until the file changes.
+        """A result of reading a file, kept until the file changes; parts of a page that ask for
+        the same wait for one reading.
 
         Args:
             name: of the file.
@@ -137,7 +140,8 @@ class Session:
         """
         about = self.workspace.path(name).stat()
         key = _Key((name, what, about.st_mtime_ns, about.st_size))
-        return self._read(key, _Load(load))
+        with self._reading.setdefault((name, what), threading.Lock()):
+            return self._read(key, _Load(load))
 
     async def run(self, title: str, words: list[str]) -> Job:
         """Run a command in the workspace; the list of files is looked at afterwards."""

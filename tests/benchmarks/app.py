@@ -40,7 +40,10 @@ COUNT = """() => {
   let moved = false;
   window.painted = 0;
   plot.on("plotly_relayouting", () => { moved = true; });
-  const frame = () => { if (moved) { window.painted += 1; moved = false; } requestAnimationFrame(frame); };
+  const frame = () => {
+    if (moved) { window.painted += 1; moved = false; }
+    requestAnimationFrame(frame);
+  };
   requestAnimationFrame(frame);
 }"""
 

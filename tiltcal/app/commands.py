@@ -161,5 +161,30 @@ def design(
     ]
 
 
+def design_next(
+    diagnosis: str,
+    scenario: str,
+    folder: str,
+    *,
+    budget_s: float,
+    rate_deg_s: float,
+    angles: Sequence[str] = (),
+) -> Words:
+    """Design the recording that separates the alternatives of a diagnosis."""
+    limits = ["--budget-s", f"{budget_s:.10g}", "--rate-deg-s", f"{rate_deg_s:.10g}"]
+    words = ["design", "--split", file(diagnosis), "--scenario", file(scenario), *limits]
+    return [*words, *(f"--angles={text}" for text in angles), "-o", file(folder)]
+
+
+def record(table: str, sequence: str, recording: str) -> Words:
+    """Record a sequence on a served table."""
+    return ["record", file(table), file(sequence), file(recording)]
+
+
+def simulate_sequence(scenario: str, sequence: str, recording: str) -> Words:
+    """Record a sequence in a simulated laboratory."""
+    return ["lab", file(scenario), file(sequence), file(recording)]
+
+
 def _segments(dwells: str) -> Words:
     return ["--segments", file(dwells)] if dwells else []

@@ -29,6 +29,7 @@ from tiltcal.app.elements import (
     problem,
     text,
     tick,
+    watch,
 )
 from tiltcal.app.session import FILES, Session
 from tiltcal.app.shell import RECORDING, SCENARIO, SEGMENTS, need
@@ -65,7 +66,7 @@ def build(session: Session) -> None:
         with ui.element("section"):
             heading("Files")
             Upload("Drop a log here, or choose it:", LARGEST_UPLOAD, lambda n: opened(session, n))
-            follow(session, (FILES, LOG, RECORDING, SCENARIO), lambda: _files(session))
+            _files(session)
         with ui.element("section"):
             heading("Published recordings")
             _published(session)
@@ -116,17 +117,21 @@ def mapping_name(log: str) -> str:
 
 
 def _files(session: Session) -> None:
-    found = session.files()[:MOST_SHOWN]
-    chosen = [session.text(key) for key in (LOG, RECORDING, SCENARIO)]
-    names = [e.name for e in found]
-    picked = next((names.index(c) for c in chosen if c in names), -1)
-    Table(
+    found: list[Entry] = []
+    table = Table(
         (("file", ""), ("kind", "short"), ("size", "n"), ("", "unit")),
-        [[e.name, e.kind, *_size(e)] for e in found],
+        (),
         empty="The workspace is empty.",
-        pick=lambda i: opened(session, names[i]),
-        picked=picked,
+        pick=lambda i: opened(session, found[i].name),
     )
+
+    def update() -> None:
+        found[:] = session.files()[:MOST_SHOWN]
+        chosen = {session.text(key) for key in (LOG, RECORDING, SCENARIO)}
+        rows = [[e.name, e.kind, *_size(e)] for e in found]
+        table.show(rows, [k for k, e in enumerate(found) if e.name in chosen])
+
+    watch(session, (FILES, LOG, RECORDING, SCENARIO), update, table)
 
 
 def _size(entry: Entry) -> tuple[str, str]:

@@ -39,7 +39,7 @@ def test_the_results_so_far_are_kept():
 def test_an_ambiguous_diagnosis_is_led_to_one_cause(browser, corner):
     with running(corner, "--token", TOKEN) as app:
         page = Page(browser, app)
-        page.page.set_default_timeout(200_000)
+        page.page.set_default_timeout(120_000)
         page.page.get_by_role("button", name="run.csv", exact=True).click()
         page.page.get_by_role("button", name="nominal.toml", exact=True).click()
         page.go("Diagnose")
@@ -64,7 +64,7 @@ def test_an_ambiguous_diagnosis_is_led_to_one_cause(browser, corner):
         page.shows("text=No further recording is needed")
         page.shows("text=Diagnosed: run.csv, run-next.csv")
         assert page.command("tiltcal diagnose").endswith("-o diagnosis-2")
-        page.shows("code:has-text('simulate diagnosis-2/amended.toml')")
+        page.shows(".section code:has-text('simulate diagnosis-2/amended.toml')")
         page.require_clean()
         page.context.close()
     found = json.loads((corner / "diagnosis-2/diagnosis.json").read_text())

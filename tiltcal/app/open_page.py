@@ -65,7 +65,8 @@ def build(session: Session) -> None:
     with ui.element("div").classes("columns"):
         with ui.element("section"):
             heading("Files")
-            Upload("Drop a log here, or choose it:", LARGEST_UPLOAD, lambda n: opened(session, n))
+            label = "Drop a log here, or choose it (at most 1 GiB):"
+            Upload(label, LARGEST_UPLOAD, lambda n: opened(session, n))
             _files(session)
         with ui.element("section"):
             heading("Published recordings")

@@ -49,6 +49,7 @@ class Session:
         self.jobs = Jobs(self.workspace.folder, lambda: self.tell(JOBS))
         self._listeners: dict[int, Listener] = {}
         self._next = 0
+        self._there = self._visible()
         self.inspected: set[Hashable] = set()  # stamps of recordings whose findings are known
         self._read = lru_cache(READ)(_loaded)
         self._reading: dict[Hashable, threading.Lock] = {}
@@ -103,6 +104,20 @@ class Session:
     def listed(self) -> None:
         """Files of the workspace have changed."""
         self.tell(FILES)
+
+    def look(self) -> None:
+        """See whether files were put into the folder, or taken away, by somebody else."""
+        now = self._visible()
+        if now != self._there:
+            self._there = now
+            self.listed()
+
+    def _visible(self) -> frozenset[str]:
+        try:
+            names = [p.name for p in self.workspace.folder.iterdir()]
+        except OSError:  # the folder went away
+            return frozenset()
+        return frozenset(name for name in names if not name.startswith("."))
 
     def files(self, *kinds: str) -> list[Entry]:
         """The files of some kinds; of all without any."""

@@ -89,7 +89,8 @@ def follow_recording(session: Session) -> None:
 
 
 def _count(session: Session) -> None:
-    """The seconds of what runs go on."""
+    """The seconds of what runs go on, and files come from elsewhere."""
+    session.look()
     if session.jobs.running:
         session.tell(JOBS)
 

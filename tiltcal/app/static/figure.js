@@ -32,7 +32,7 @@ export default {
       part.removeAllListeners?.("plotly_relayout");
       part.on("plotly_relayouting", () => part.classList.add("moving"));
       part.on("plotly_relayout", (change) => { part.classList.remove("moving"); this.moved(change); });
-      part.on("plotly_click", (event) => { const at = event.points?.[0]; if (at) this.$emit("point", { index: at.pointNumber, x: at.x }); });
+      part.on("plotly_click", (event) => { const at = event.points?.find((point) => point.data.mode === "markers"); if (at) this.$emit("point", { index: at.pointNumber, x: at.x }); });
     },
     moved(change) {
       const band = Object.keys(change).map((key) => /^shapes\[(\d+)\]\.x[01]$/.exec(key)).find(Boolean);

@@ -216,7 +216,7 @@ def _guiding(browser, folder: Path, sender: Sender):
         page.page.get_by_role("button", name="hand.toml", exact=True).click()
         page.go("Guide")
         page.fill("Source", f"tcp://127.0.0.1:{sender.port}")
-        page.fill("Goals, KIND=SIGMA", "bias=0.1ug")  # never reached
+        page.fill("Goals: the largest σ of each kind", "bias=0.1ug")  # never reached
         page.page.wait_for_function("document.body.textContent.includes('--goal bias=0.1ug')")
         sender.start()
         page.press("Start")

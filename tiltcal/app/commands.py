@@ -26,18 +26,19 @@ def get_dataset(name: str, folder: str) -> Words:
     return ["datasets", "get", name, "-o", file(folder)]
 
 
-def init(recording: str, latitude: float, height: float, scenario: str) -> Words:
+def init(recording: str, latitude: float, height: float, table: str, scenario: str) -> Words:
     """Write a scenario.
 
     Args:
         recording: that it describes; empty: that of a bench to start from.
         latitude: deg.
         height: m.
+        table: its name; empty: that of the recording, or one of two axes.
         scenario: file to write.
     """
     source = ["--from", file(recording)] if recording else []
     where = [f"--latitude={latitude:.10g}", f"--height={height:.10g}"]
-    return ["init", *source, *where, "-o", file(scenario)]
+    return ["init", *source, *where, *(["--table", table] if table else []), "-o", file(scenario)]
 
 
 def segments(recording: str, output: str) -> Words:

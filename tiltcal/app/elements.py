@@ -255,7 +255,8 @@ def _kept(session: Session, key: str, control: ValueElement[Any]) -> None:
 def entry(session: Session, key: str, label: str, default: str = "", hint: str = "") -> ui.input:
     """A text that is kept."""
     session.values.setdefault(key, default)
-    made = ui.input(label, value=session.text(key), placeholder=hint).props("dense outlined")
+    made = ui.input(label, value=session.text(key), placeholder=hint)
+    made.props(f"dense outlined{' stack-label' if hint else ''}")
     _kept(session, key, made)
     return made.classes("field")
 

@@ -22,6 +22,7 @@ from tiltcal.app.elements import (
     Table,
     Upload,
     action,
+    choice,
     entry,
     follow,
     heading,
@@ -48,6 +49,7 @@ from tiltcal.recordings.proposal.statements import (
     with_values,
 )
 from tiltcal.report.series import series_plot, series_traces
+from tiltcal.setup.tables import tables
 
 LOG, FINDINGS = "open.log", "open.findings"
 FINDING_COLUMNS: Sequence[Column] = (
@@ -404,14 +406,17 @@ def _scenario(session: Session) -> None:
     with ui.element("div").classes("fields"):
         number(session, "init.latitude", "Latitude, °", 48.0, least=-90, most=90)
         number(session, "init.height", "Height, m", 0.0)
+        label = "How it is turned: the table, if not as the recording shows"
+        choice(session, "init.table", label, list(tables()))
         entry(session, "init.output", "Scenario to write", "bench.toml")
-    keys = ("init.latitude", "init.height", "init.output", RECORDING)
+    keys = ("init.latitude", "init.height", "init.table", "init.output", RECORDING)
 
     def words() -> list[str]:
         return commands.init(
             session.chosen(RECORDING),
             session.number("init.latitude", 48.0),
             session.number("init.height", 0.0),
+            session.text("init.table"),
             session.text("init.output") or "bench.toml",
         )
 
@@ -444,7 +449,10 @@ def _edit(session: Session) -> Any:
     def show(found: tuple[str, str, str]) -> None:
         name, content, wrong = found
         if not name:
-            need("Choose a scenario, or make one from the recording.")
+            need(
+                "A scenario says which sensors there are and how they are turned. Choose one, or"
+                " make one: from the recording, or, for the live guide, without any."
+            )
             return
         if wrong:
             problem(wrong)

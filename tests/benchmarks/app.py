@@ -108,10 +108,8 @@ def _draw(browser, folder: Path) -> None:
             checked = time.perf_counter() - begun
             page.page.wait_for_timeout(500)
             print(f"long{form} of {ROWS} rows x 6: drawn after {took:.1f} s", end=" ")
-            print(
-                f"(limit {DRAWN_S:g}; server {used:.1f} s on a processor), checked after {checked:.1f} s,",
-                end=" ",
-            )
+            print(f"(limit {DRAWN_S:g}; server {used:.1f} s on a processor),", end=" ")
+            print(f"checked after {checked:.1f} s,", end=" ")
             print(f"panned at {_pan(page):.0f} frames a second (limit {FRAMES:g} or more)")
             page.context.close()
         (folder / ".tiltcal-app.json").unlink()

@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 TOKEN = "a-token-for-every-test-0123456789"
-PATIENCE_MS = 30_000
+PATIENCE_MS = 120_000  # a machine that is busy is no failure
 
 
 @dataclass

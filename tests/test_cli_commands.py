@@ -59,6 +59,19 @@ def test_the_first_steps_of_the_help_work_as_printed(here, capsys):
     }
 
 
+def test_init_writes_the_table_that_is_stated(here, good, capsys):
+    """Also against the recording, which has the columns of two axes."""
+    for source in ([], ["--from", str(good / "run.csv")]):
+        assert (
+            main(["init", *source, "--table", "handheld", "--latitude", "48", "-o", "h.toml"]) == 0
+        )
+        made = load_scenario(here / "h.toml")
+        assert made.rig.table == "handheld"
+        assert not made.sequence
+    assert main(["init", "--table", "handhold", "--latitude", "48"]) == 2
+    assert "did you mean 'handheld'" in capsys.readouterr().err
+
+
 @pytest.mark.usefixtures("here")
 def test_gravity_of_a_new_scenario_follows_latitude_and_height(capsys):
     main(["init", "--latitude", "45", "--height", "1000", "-o", "a.toml"])

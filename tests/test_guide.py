@@ -352,3 +352,13 @@ def test_what_cannot_be_guided_is_refused() -> None:
     guide = tc.Guide(bench(), "norm")
     with pytest.raises(tc.TiltcalError, match="no column accel_x_<unit>"):
         guide.feed(np.arange(3.0), {"acc_x_m_s2": np.zeros(3)})
+
+
+def test_loose_goals_promise_the_dwells_that_the_fit_is_tested_by() -> None:
+    """Nine parameters of a norm need twelve dwells, a third more, however coarse the goals are."""
+    goal = {"bias": "2000ug", "scale": "2000ppm", "cross": "2000ppm"}
+    guide = tc.Guide(bench(), "norm", goal=goal)
+    assert guide.state.expected_dwells == 12
+    follow(guide, Hand())
+    assert guide.state.done
+    assert sum(d.used for d in guide.state.dwells) == 12

@@ -12,6 +12,7 @@ ROOMS = (
     "formats",
     "instrument",
     "guiding",
+    "app",
     "information",
     "own_model",
     "placing",

@@ -242,6 +242,8 @@ def _result(session: Session) -> Any:
             Table(TESTS, tests, empty="This method has no test of its own.")
         for warning in calibration.warnings:
             text(f"Note: {signs_in(warning)}", "soft")
+        if found.certificate.poses:
+            text("Click a point to see its dwell in the recording.", "soft")
         with ui.element("div").classes("columns"):
             for plot in found.certificate.plots():
                 Figure(replace(plot, height=PLOT_PX), picked=_dwell(session, found))

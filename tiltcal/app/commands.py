@@ -26,18 +26,19 @@ def get_dataset(name: str, folder: str) -> Words:
     return ["datasets", "get", name, "-o", file(folder)]
 
 
-def init(recording: str, latitude: float, height: float, scenario: str) -> Words:
+def init(recording: str, latitude: float, height: float, table: str, scenario: str) -> Words:
     """Write a scenario.
 
     Args:
         recording: that it describes; empty: that of a bench to start from.
         latitude: deg.
         height: m.
+        table: its name; empty: that of the recording, or one of two axes.
         scenario: file to write.
     """
     source = ["--from", file(recording)] if recording else []
     where = [f"--latitude={latitude:.10g}", f"--height={height:.10g}"]
-    return ["init", *source, *where, "-o", file(scenario)]
+    return ["init", *source, *where, *(["--table", table] if table else []), "-o", file(scenario)]
 
 
 def segments(recording: str, output: str) -> Words:
@@ -159,6 +160,31 @@ def design(
         "-o",
         file(folder),
     ]
+
+
+def design_next(
+    diagnosis: str,
+    scenario: str,
+    folder: str,
+    *,
+    budget_s: float,
+    rate_deg_s: float,
+    angles: Sequence[str] = (),
+) -> Words:
+    """Design the recording that separates the alternatives of a diagnosis."""
+    limits = ["--budget-s", f"{budget_s:.10g}", "--rate-deg-s", f"{rate_deg_s:.10g}"]
+    words = ["design", "--split", file(diagnosis), "--scenario", file(scenario), *limits]
+    return [*words, *(f"--angles={text}" for text in angles), "-o", file(folder)]
+
+
+def record(table: str, sequence: str, recording: str) -> Words:
+    """Record a sequence on a served table."""
+    return ["record", file(table), file(sequence), file(recording)]
+
+
+def simulate_sequence(scenario: str, sequence: str, recording: str) -> Words:
+    """Record a sequence in a simulated laboratory."""
+    return ["lab", file(scenario), file(sequence), file(recording)]
 
 
 def _segments(dwells: str) -> Words:

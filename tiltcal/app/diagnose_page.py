@@ -5,13 +5,14 @@ finding, and the amended model applied to the recording.
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from nicegui import background_tasks, ui
 
 import tiltcal as tc
-from tiltcal.app import commands
+from tiltcal.app import commands, next_recording
 from tiltcal.app.elements import (
     CommandLine,
     Figure,
@@ -25,16 +26,25 @@ from tiltcal.app.elements import (
     text,
 )
 from tiltcal.app.jobs import as_command
+from tiltcal.app.next_recording import (
+    FOLDER,
+    MORE,
+    PREDICTED,
+    STATIC,
+    folder_of,
+    load_diagnosis,
+    offered,
+)
 from tiltcal.app.open_page import read_recording, stamp_of
 from tiltcal.app.session import FILES, Session
 from tiltcal.app.shell import RECORDING, SCENARIO, need, report_frame
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.read_back import read_json
 from tiltcal.core.units import PARAMETER_UNITS, signs_in, split_unit, unit_sign
+from tiltcal.diagnosis.hypotheses.priors import UNLISTED
+from tiltcal.effects import CATALOGUE
 from tiltcal.report.diagnosis import MEANING
 from tiltcal.report.series import series_plot, series_traces
 
-MORE, STATIC, FOLDER = "diagnose.more", "diagnose.static", "diagnose.folder"
 INPUTS = (RECORDING, SCENARIO, MORE, STATIC, FOLDER)
 SHOWN_PROBABILITY = 0.005  # of an alternative, as in the report
 
@@ -56,14 +66,21 @@ def build(session: Session) -> None:
     )
     heading("Findings")
     found = partial(_stamp, session, "diagnosis.json")
-    Section(session, (FOLDER, FILES), lambda: _loaded(session), _findings, found)
+    Section(
+        session,
+        (FOLDER, FILES),
+        lambda: load_diagnosis(session),
+        _findings,
+        found,
+    )
+    next_recording.build(session, partial(_apply, session))
     heading("The amended model on the recording")
     Section(
         session,
         (FOLDER, RECORDING, FILES),
         lambda: _residual(session),
         lambda residual: _left(session, residual),
-        lambda: (_stamp(session, "predicted.csv"), stamp_of(session, RECORDING)),
+        lambda: (_stamp(session, PREDICTED), stamp_of(session, RECORDING)),
     )
     heading("Report")
     report = partial(_stamp, session, "report.html")
@@ -72,7 +89,7 @@ def build(session: Session) -> None:
 
 def _stamp(session: Session, name: str) -> Hashable:
     """What changes when a file of the results does."""
-    return session.stamp((FOLDER,), f"{session.text(FOLDER) or 'diagnosis'}/{name}")
+    return session.stamp((FOLDER,), f"{folder_of(session)}/{name}")
 
 
 def diagnosing(session: Session) -> list[str] | None:
@@ -81,18 +98,18 @@ def diagnosing(session: Session) -> list[str] | None:
     if not (recording and scenario):
         return None
     more = [name for name in session.texts(MORE) if name != recording]
-    folder = session.text(FOLDER) or "diagnosis"
+    folder = folder_of(session)
     return commands.diagnose([recording, *more], scenario, session.chosen(STATIC), folder)
 
 
 def predicted_name(session: Session) -> str:
     """The file of what the amended model predicts."""
-    return f"{session.text(FOLDER) or 'diagnosis'}/predicted.csv"
+    return f"{folder_of(session)}/{PREDICTED}"
 
 
 def predicting(session: Session) -> list[str]:
     """The command that applies the amended model to the recording."""
-    amended = f"{session.text(FOLDER) or 'diagnosis'}/amended.toml"
+    amended = f"{folder_of(session)}/amended.toml"
     return commands.predict(amended, session.chosen(RECORDING), predicted_name(session))
 
 
@@ -101,29 +118,19 @@ def _apply(session: Session) -> None:
 
 
 def _inputs(session: Session) -> None:
-    others = [e.name for e in session.files("recording") if e.name != session.text(RECORDING)]
+    others = offered(session, [session.text(RECORDING)])
     if others:
         with ui.element("div").classes("fields"):
             choice(session, MORE, "Further recordings, explained together", others, several=True)
             choice(session, STATIC, "Recording at standstill, for the noise", others)
 
 
-def _loaded(session: Session) -> dict[str, Any] | None:
-    name = f"{session.text(FOLDER) or 'diagnosis'}/diagnosis.json"
-    path = session.workspace.path(name)
-    if not path.is_file():
-        return None
-    return session.read(
-        name,
-        "diagnosis",
-        lambda: read_json(path, "diagnosis", "the file that `tiltcal diagnose` writes"),
-    )
-
-
 def _findings(found: dict[str, Any] | None) -> None:
     if found is None:
         need("Nothing was diagnosed in this folder yet.")
         return
+    names = [Path(p).name for p in found.get("recordings", ())]
+    text(f"Diagnosed: {', '.join(names)}", "soft")
     with ui.element("p").classes("verdict"):
         ui.label(str(found["verdict"]).replace("_", " ")).classes("in")
     text(MEANING.get(found["verdict"], ""), "soft")
@@ -136,7 +143,7 @@ def _findings(found: dict[str, Any] | None) -> None:
 
 def _card(number: int, f: Mapping[str, Any]) -> None:
     with ui.element("article").classes("card"):
-        heading(f"{number}. {f['effect'] or 'no named effect'}", 3)
+        heading(f"{number}. {title_of(f['effect'] or UNLISTED)}", 3)
         text(signs_in(str(f["statement"])))
         where = f["where"]
         channel = " ".join([*f["sensors"], ", ".join(f["axes"])]).strip()
@@ -150,10 +157,15 @@ def _card(number: int, f: Mapping[str, Any]) -> None:
             Table((("parameter", "short"), ("value", "n"), ("σ", "n"), ("", "unit")), rows)
         names = {k: p for k, p in (f.get("names") or {}).items() if p >= SHOWN_PROBABILITY}
         if len(names) > 1:
-            rows = [[name, f"{p:.3f}"] for name, p in names.items()]
-            Table((("may be", "short"), ("probability", "n")), rows)
+            rows = [[title_of(name), name, f"{p:.3f}"] for name, p in names.items()]
+            Table((("may be", "long"), ("id", "short"), ("probability", "n")), rows)
         if f["next_measurement"]:
             text(f"Record next: {f['next_measurement']}", "strong")
+
+
+def title_of(effect: str) -> str:
+    """An effect in words."""
+    return CATALOGUE[effect].title if effect in CATALOGUE else "Nothing that the catalogue lists"
 
 
 def _size(key: str, value: float, sigma: float) -> list[str]:
@@ -201,7 +213,7 @@ def _left(session: Session, found: Applied | None) -> None:
 
 
 def _report(session: Session) -> None:
-    name = f"{session.text(FOLDER) or 'diagnosis'}/report.html"
+    name = f"{folder_of(session)}/report.html"
     try:
         there = session.workspace.path(name).is_file()
     except TiltcalError:

@@ -31,7 +31,7 @@ class Table(Element, component="static/table.js"):
         caption: above it.
         empty: what is said where there are no rows.
         pick: called with the index of a row that is chosen.
-        picked: index of the chosen row; -1: none.
+        picked: indices of the chosen rows; -1: none.
     """
 
     def __init__(
@@ -42,15 +42,27 @@ class Table(Element, component="static/table.js"):
         caption: str = "",
         empty: str = "",
         pick: Callable[[int], None] | None = None,
-        picked: int = -1,
+        picked: int | Sequence[int] = -1,
     ) -> None:
         super().__init__()
         self._props["columns"] = [{"label": label, "kind": kind} for label, kind in columns]
-        self._props["rows"] = [[plain(cell) for cell in row] for row in rows]
         self._props["caption"], self._props["empty"] = caption, empty
-        self._props["picked"], self._props["pickable"] = picked, pick is not None
+        self._props["pickable"] = pick is not None
+        self.show(rows, picked)
         if pick is not None:
-            self.on("pick", lambda event: pick(int(event.args)))
+            self.on("pick", lambda event: self._picked(str(event.args), pick))
+
+    def _picked(self, first: str, pick: Callable[[int], None]) -> None:
+        """A row by its first cell: others may have come above it meanwhile."""
+        cells = [row[0] for row in self._props["rows"]]
+        if first in cells:
+            pick(cells.index(first))
+
+    def show(self, rows: Sequence[Sequence[str]], picked: int | Sequence[int] = -1) -> None:
+        """Other rows, in place: what is clicked meanwhile is not lost."""
+        self._props["rows"] = [[plain(cell) for cell in row] for row in rows]
+        self._props["picked"] = [picked] if isinstance(picked, int) else list(picked)
+        self.update()
 
 
 class Figure(Element, component="static/figure.js"):
@@ -243,7 +255,8 @@ def _kept(session: Session, key: str, control: ValueElement[Any]) -> None:
 def entry(session: Session, key: str, label: str, default: str = "", hint: str = "") -> ui.input:
     """A text that is kept."""
     session.values.setdefault(key, default)
-    made = ui.input(label, value=session.text(key), placeholder=hint).props("dense outlined")
+    made = ui.input(label, value=session.text(key), placeholder=hint)
+    made.props(f"dense outlined{' stack-label' if hint else ''}")
     _kept(session, key, made)
     return made.classes("field")
 

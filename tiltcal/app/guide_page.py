@@ -50,6 +50,7 @@ INPUTS = (SOURCE, METHOD, GOALS, HOLD, SPEED, COLUMNS, RATE, FOLDER, CERTIFY, SC
 TICK_S = 0.25  # between two looks at the state: four a second are read well
 METHODS = ("norm", "six_position")
 SPHERE_PX = 380
+SEEN = 2  # decimals of a direction: half a degree is seen on a sphere of 200 px, noise is not drawn
 NO_AXES = {"showticklabels": False, "title": {"text": ""}, "showspikes": False, "visible": False}
 
 
@@ -77,13 +78,18 @@ def _inputs(session: Session) -> None:
         hint = "/dev/ttyUSB0, tcp://HOST:PORT, serve://HOST:PORT or a recording"
         entry(session, SOURCE, "Source", hint=hint)
         choice(session, METHOD, "Method", METHODS, clearable=False)
-        entry(session, GOALS, "Goals, KIND=SIGMA", hint="bias=50ug scale=40ppm")
+        entry(session, GOALS, "Goals: the largest σ of each kind", hint="bias=50ug scale=40ppm")
         entry(session, FOLDER, "Folder of the results", "guided")
     with ui.element("div").classes("fields"):
         number(session, HOLD, "Length of a dwell, s", 5.0, least=1, most=3600)
-        number(session, SPEED, "Speed of a file", 1.0, least=0)
-        number(session, RATE, "Rate without times, Hz", 0.0, least=0)
-        entry(session, COLUMNS, "Cells without a header", hint="time_s,accel_x_m_s2")
+        number(session, SPEED, "Replay speed of a file", 1.0, least=0)
+        number(session, RATE, "Lines a second", 0.0, least=0)
+        entry(
+            session,
+            COLUMNS,
+            "Columns, where no header is sent",
+            hint="time_s,accel_x_m_s2,accel_y_m_s2,...",
+        )
         tick(session, CERTIFY, "certificate")
 
 
@@ -115,7 +121,9 @@ def _start(session: Session, live: Live) -> None:
     with ui.element("div").classes("action"):
         button = ui.button("Start", color=None, on_click=start).props("no-caps unelevated dense")
         button.classes("primary")
-        hint = ui.label("Choose a scenario and name a source.").classes("soft")
+        hint = ui.label(
+            "Choose a scenario at the top (the page Open makes one) and name a source."
+        ).classes("soft")
         command = CommandLine("")
 
     def update() -> None:
@@ -147,6 +155,7 @@ class _Display:
     def __init__(self, session: Session, live: Live) -> None:
         self._session, self._live = session, live
         self._seen: object = None
+        self._drawn: Sequence[Trace] = ()
         self._ran = live.running
         self._wrong = ui.element("div")
         self._instruction = ui.label("").classes("para lead verdict").props('role="status"')
@@ -199,7 +208,10 @@ class _Display:
         self._left.clear()
         with self._left:
             _reading(state)
-        self._sphere.run_method("show", _places(state))
+        places = _places(state)
+        if places != self._drawn:
+            self._drawn = places
+            self._sphere.run_method("show", places)
         seen = (len(state.dwells), live.running, [p.sigma for p in state.parameters.values()])
         if seen != self._seen:
             self._seen = seen
@@ -228,9 +240,8 @@ def _reading(state: GuideState) -> None:
     text(f"{still if state.standing else 'moving'}; {state.rows} rows{rate}", "soft")
     expected = f" of about {state.expected_dwells}" if state.expected_dwells else ""
     text(f"{sum(d.used for d in state.dwells)} dwells{expected}", "strong")
-    if state.next is not None:
-        off = f", {state.next.off_deg:.0f}° away" if state.next.off_deg is not None else ""
-        text(f"Next: {state.next.label}{off}", "strong")
+    if state.next is not None and state.next.off_deg is not None:
+        text(f"Next pose: {state.next.off_deg:.0f}° away", "strong")
 
 
 def _sigmas(state: GuideState, history: Sequence[dict[str, float]]) -> None:
@@ -266,7 +277,7 @@ def sigma_plot(history: Sequence[dict[str, float]]) -> Plot:
     names = list(history[-1])
     x = list(range(1, len(history) + 1))
     traces = [line(x, [h.get(n, float("nan")) for h in history], n, k) for k, n in enumerate(names)]
-    layout = axes("look", "σ over its goal", showlegend=False)
+    layout = axes("dwell", "σ over its goal", showlegend=False)
     layout["yaxis"] |= LOGARITHMIC
     return Plot(
         traces,
@@ -280,7 +291,7 @@ def sigma_plot(history: Sequence[dict[str, float]]) -> Plot:
 def _places(state: GuideState | None) -> list[Trace]:
     """Dwells, the present direction, and the way to the next."""
     dwells = [d.up for d in state.dwells if d.up and d.used] if state else []
-    now = [state.up] if state and state.up else []
+    now = [tuple(round(v, SEEN) for v in state.up)] if state and state.up else []
     there = [state.next.up] if state and state.next else []
     ways = ([*now, *there], dwells, now, there)
     return [{axis: [p[k] for p in way] for k, axis in enumerate("xyz")} for way in ways]

@@ -22,6 +22,7 @@ from tiltcal.app.elements import (
     Table,
     Upload,
     action,
+    choice,
     entry,
     follow,
     heading,
@@ -29,6 +30,7 @@ from tiltcal.app.elements import (
     problem,
     text,
     tick,
+    watch,
 )
 from tiltcal.app.session import FILES, Session
 from tiltcal.app.shell import RECORDING, SCENARIO, SEGMENTS, need
@@ -47,6 +49,7 @@ from tiltcal.recordings.proposal.statements import (
     with_values,
 )
 from tiltcal.report.series import series_plot, series_traces
+from tiltcal.setup.tables import tables
 
 LOG, FINDINGS = "open.log", "open.findings"
 FINDING_COLUMNS: Sequence[Column] = (
@@ -64,8 +67,9 @@ def build(session: Session) -> None:
     with ui.element("div").classes("columns"):
         with ui.element("section"):
             heading("Files")
-            Upload("Drop a log here, or choose it:", LARGEST_UPLOAD, lambda n: opened(session, n))
-            follow(session, (FILES, LOG, RECORDING, SCENARIO), lambda: _files(session))
+            label = "Drop a log here, or choose it (at most 1 GiB):"
+            Upload(label, LARGEST_UPLOAD, lambda n: opened(session, n))
+            _files(session)
         with ui.element("section"):
             heading("Published recordings")
             _published(session)
@@ -116,17 +120,21 @@ def mapping_name(log: str) -> str:
 
 
 def _files(session: Session) -> None:
-    found = session.files()[:MOST_SHOWN]
-    chosen = [session.text(key) for key in (LOG, RECORDING, SCENARIO)]
-    names = [e.name for e in found]
-    picked = next((names.index(c) for c in chosen if c in names), -1)
-    Table(
+    found: list[Entry] = []
+    table = Table(
         (("file", ""), ("kind", "short"), ("size", "n"), ("", "unit")),
-        [[e.name, e.kind, *_size(e)] for e in found],
+        (),
         empty="The workspace is empty.",
-        pick=lambda i: opened(session, names[i]),
-        picked=picked,
+        pick=lambda i: opened(session, found[i].name),
     )
+
+    def update() -> None:
+        found[:] = session.files()[:MOST_SHOWN]
+        chosen = {session.text(key) for key in (LOG, RECORDING, SCENARIO)}
+        rows = [[e.name, e.kind, *_size(e)] for e in found]
+        table.show(rows, [k for k, e in enumerate(found) if e.name in chosen])
+
+    watch(session, (FILES, LOG, RECORDING, SCENARIO), update, table)
 
 
 def _size(entry: Entry) -> tuple[str, str]:
@@ -398,14 +406,17 @@ def _scenario(session: Session) -> None:
     with ui.element("div").classes("fields"):
         number(session, "init.latitude", "Latitude, °", 48.0, least=-90, most=90)
         number(session, "init.height", "Height, m", 0.0)
+        label = "How it is turned: the table, if not as the recording shows"
+        choice(session, "init.table", label, list(tables()))
         entry(session, "init.output", "Scenario to write", "bench.toml")
-    keys = ("init.latitude", "init.height", "init.output", RECORDING)
+    keys = ("init.latitude", "init.height", "init.table", "init.output", RECORDING)
 
     def words() -> list[str]:
         return commands.init(
             session.chosen(RECORDING),
             session.number("init.latitude", 48.0),
             session.number("init.height", 0.0),
+            session.text("init.table"),
             session.text("init.output") or "bench.toml",
         )
 
@@ -438,7 +449,10 @@ def _edit(session: Session) -> Any:
     def show(found: tuple[str, str, str]) -> None:
         name, content, wrong = found
         if not name:
-            need("Choose a scenario, or make one from the recording.")
+            need(
+                "A scenario says which sensors there are and how they are turned. Choose one, or"
+                " make one: from the recording, or, for the live guide, without any."
+            )
             return
         if wrong:
             problem(wrong)

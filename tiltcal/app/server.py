@@ -20,14 +20,7 @@ from fastapi import FastAPI, Response
 from fastapi.responses import FileResponse, PlainTextResponse
 from nicegui import ui
 
-from tiltcal.app import (
-    calibrate_page,
-    diagnose_page,
-    guide_page,
-    open_page,
-    plan_page,
-    recording_page,
-)
+from tiltcal.app import open_page
 from tiltcal.app.guard import Guard, Keys
 from tiltcal.app.session import Session
 from tiltcal.app.shell import follow_recording, frame
@@ -36,16 +29,18 @@ from tiltcal.app.workspace import Workspace
 from tiltcal.report.page import TEMPLATES
 
 RECONNECT_S = 30.0  # in which a tab that lost its connection is taken up again
-WARM = ("tiltcal.api.scenario", "tiltcal.report.certificate", "tiltcal.report.series")
-"""What the first page needs and takes a second to import; loaded beside the start."""
-CONTENT: dict[str, Callable[[Session], None]] = {
-    "/": open_page.build,
-    "/recording": recording_page.build,
-    "/calibrate": calibrate_page.build,
-    "/diagnose": diagnose_page.build,
-    "/plan": plan_page.build,
-    "/guide": guide_page.build,
+CONTENT = {
+    "/": open_page.__name__,
+    "/recording": "tiltcal.app.recording_page",
+    "/calibrate": "tiltcal.app.calibrate_page",
+    "/diagnose": "tiltcal.app.diagnose_page",
+    "/plan": "tiltcal.app.plan_page",
+    "/guide": "tiltcal.app.guide_page",
 }
+"""The module of each page. All but the first take a second to import, as what they show does: they
+are loaded beside the start.
+"""
+WARM = ("tiltcal.api.scenario", "tiltcal.report.series", *CONTENT.values())
 
 
 def serve(
@@ -134,7 +129,7 @@ ICON = (
 
 def _add_page(session: Session, path: str) -> None:
     def page() -> None:
-        frame(session, path, lambda: CONTENT[path](session))
+        frame(session, path, lambda: importlib.import_module(CONTENT[path]).build(session))
 
     ui.page(path)(page)
 

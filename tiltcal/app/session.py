@@ -2,6 +2,7 @@
 folder, so that a reload and a second tab show the same.
 """
 
+import threading
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -48,8 +49,10 @@ class Session:
         self.jobs = Jobs(self.workspace.folder, lambda: self.tell(JOBS))
         self._listeners: dict[int, Listener] = {}
         self._next = 0
+        self._there = self._visible()
         self.inspected: set[Hashable] = set()  # stamps of recordings whose findings are known
         self._read = lru_cache(READ)(_loaded)
+        self._reading: dict[Hashable, threading.Lock] = {}
 
     def text(self, key: str) -> str:
         """A text that was chosen or entered; empty where none was."""
@@ -102,6 +105,20 @@ class Session:
         """Files of the workspace have changed."""
         self.tell(FILES)
 
+    def look(self) -> None:
+        """See whether files were put into the folder, or taken away, by somebody else."""
+        now = self._visible()
+        if now != self._there:
+            self._there = now
+            self.listed()
+
+    def _visible(self) -> frozenset[str]:
+        try:
+            names = [p.name for p in self.workspace.folder.iterdir()]
+        except OSError:  # the folder went away
+            return frozenset()
+        return frozenset(name for name in names if not name.startswith("."))
+
     def files(self, *kinds: str) -> list[Entry]:
         """The files of some kinds; of all without any."""
         return [e for e in self.workspace.entries() if not kinds or e.kind in kinds]
@@ -128,7 +145,8 @@ class Session:
         return tuple(found)
 
     def read(self, name: str, what: Hashable, load: Callable[[], Value]) -> Value:
-        """A result of reading a file, kept until the file changes.
+        """A result of reading a file, kept until the file changes; parts of a page that ask for
+        the same wait for one reading.
 
         Args:
             name: of the file.
@@ -137,7 +155,8 @@ class Session:
         """
         about = self.workspace.path(name).stat()
         key = _Key((name, what, about.st_mtime_ns, about.st_size))
-        return self._read(key, _Load(load))
+        with self._reading.setdefault((name, what), threading.Lock()):
+            return self._read(key, _Load(load))
 
     async def run(self, title: str, words: list[str]) -> Job:
         """Run a command in the workspace; the list of files is looked at afterwards."""

@@ -25,6 +25,10 @@ PAGES = {
 RECORDING, SCENARIO, SEGMENTS = "recording", "scenario", "segments"
 """Keys of what is chosen for all pages."""
 STATIC = Path(__file__).parent / "static"
+SCRIPTS = "".join(
+    f'<script async src="/_tiltcal/{name}"></script>' for name in ("plotly.js", "drawing.js")
+)
+"""What draws plots, asked for by the page itself: it is there before the first one is chosen."""
 SHOWN_JOBS = 8
 SECONDS_S = 2.0  # between two counts of the time that a command has taken
 
@@ -47,6 +51,7 @@ def frame(session: Session, path: str, build: Callable[[], None]) -> None:
     """
     ui.page_title(f"{PAGES[path]} · tiltcal")
     ui.add_css(style())
+    ui.add_head_html(SCRIPTS)
     with ui.element("a").classes("skip").props('href="#main"'):
         ui.label("Skip to the content").classes("in")
     with ui.element("header"):
@@ -84,7 +89,8 @@ def follow_recording(session: Session) -> None:
 
 
 def _count(session: Session) -> None:
-    """The seconds of what runs go on."""
+    """The seconds of what runs go on, and files come from elsewhere."""
+    session.look()
     if session.jobs.running:
         session.tell(JOBS)
 

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import ask, print_json, print_line, print_note
-from tiltcal.core.errors import TiltcalError
+from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import write_text
 from tiltcal.core.frames import normal_gravity
 from tiltcal.core.units import COLUMN_UNITS, DEG
@@ -93,6 +93,10 @@ def init(
         float | None, Parameter(help="Latitude, deg; sets gravity (WGS 84). Default: 48.")
     ] = None,
     height: Annotated[float, Parameter(help="Height above sea level, m.")] = 0.0,
+    table: Annotated[
+        str | None,
+        Parameter(help="Table: handheld, vertical, placing, dual, three, four; default: as found."),
+    ] = None,
     json_schema: Annotated[
         bool, Parameter(help="Print the JSON Schema of scenario files instead.")
     ] = False,
@@ -103,7 +107,8 @@ def init(
 ) -> int:
     """Write a commented scenario to start from.
 
-    Without --from: a triad of accelerometers on a dual-axis table, six faces.
+    Without --from: a triad of accelerometers on a dual-axis table, six faces; on
+    another --table without a sequence, for `tiltcal guide`, `design`, `calibrate`.
     With --from: sensors, units, rates, table and mounting by the columns and the
     numbers of a recording, with the reason of each and what it cannot know. On a
     terminal it asks for what the recording does not state.
@@ -111,6 +116,7 @@ def init(
       tiltcal init -o bench.toml
       tiltcal init --from run.csv -o bench.toml
       tiltcal init --latitude 52.5 --height 40
+      tiltcal init --table handheld -o hand.toml
     """
     if json_schema:
         from tiltcal.laboratory.scenario import scenario_schema
@@ -119,7 +125,7 @@ def init(
         return 0
     if latitude is None:
         latitude = _ask_latitude()
-    text = scenario_text(recording_file, latitude, height)
+    text = scenario_text(recording_file, latitude, height, table)
     if output:
         write_text(output, text)
         print_note(
@@ -133,12 +139,28 @@ def init(
     return 0
 
 
-def scenario_text(recording_file: Path | None, latitude: float, height: float) -> str:
+def scenario_text(
+    recording_file: Path | None, latitude: float, height: float, table: str | None = None
+) -> str:
     """A scenario as TOML with comments; a note on stderr states what was taken from a recording.
 
+    Args:
+        recording_file: that it describes; None: an instrument to start from.
+        latitude: deg.
+        height: m.
+        table: its name; None: that of the recording, or one of two axes.
+
     Raises:
-        TiltcalError: the latitude is out of range, or the recording is not readable.
+        TiltcalError: the latitude is out of range, there is no such table, or the recording is not
+            readable.
     """
+    if table is not None and table not in tables():
+        raise TiltcalError(
+            f"--table {table}",
+            found="no such table",
+            need=", ".join(tables()),
+            do=nearest(table, list(tables())),
+        )
     if not -90 <= latitude <= 90:
         raise TiltcalError(
             "--latitude", found=f"{latitude:g} deg", need="-90 to 90 deg", do="correct it"
@@ -158,10 +180,11 @@ def scenario_text(recording_file: Path | None, latitude: float, height: float) -
         "",
     ]
     if recording_file is None:
-        rig = RigGuess(DUAL.name, "identity", "")
-        return "\n".join([*lines, *_rig(rig), *_default_sensor()]) + SEQUENCE
+        rig = RigGuess(table or DUAL.name, "identity", "")
+        text = "\n".join([*lines, *_rig(rig), *_default_sensor()])
+        return text + SEQUENCE if rig.table == DUAL.name else text
     recording = read_recording(recording_file)
-    return "\n".join([*lines, *_from_recording(recording, latitude, gravity)])
+    return "\n".join([*lines, *_from_recording(recording, latitude, gravity, table)])
 
 
 def _ask_latitude() -> float:
@@ -174,10 +197,14 @@ def _ask_latitude() -> float:
         ) from error
 
 
-def _from_recording(recording: Recording, latitude: float, gravity: float) -> list[str]:
+def _from_recording(
+    recording: Recording, latitude: float, gravity: float, stated: str | None
+) -> list[str]:
     """Rig and sensors by a recording; notes on stderr state what was assumed."""
     sensors = sensors_of(recording, gravity)
     rig = rig_of(recording, _provisional(sensors, latitude, gravity))
+    if stated is not None:
+        rig = RigGuess(stated, rig.mount if stated == rig.table else "identity", "as stated")
     known = not rig.doubts
     table = rig.table if known else ask("table", rig.table, list(tables()))
     mount = rig.mount if known else ask("mount, such as Rz(180)", rig.mount)

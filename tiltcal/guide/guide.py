@@ -201,7 +201,7 @@ class Guide:
             held_s=held,
             hold_s=self._hold,
             dwells=tuple(d.shown(d in used) for d in self._dwells),
-            expected_dwells=None if self._further is None else len(used) + self._further,
+            expected_dwells=self._expected(len(used)),
             next=None if self.done else self._shown_next(),
             parameters=self._parameters,
             notices=self._notices(),
@@ -435,6 +435,12 @@ class Guide:
         self._next = progress.planner.best(progress.information, self._way, self._proposed, here)
         self._proposed = self._next[0]
         self._further = progress.planner.further(progress.information, self._goals)
+
+    def _expected(self, used: int) -> int | None:
+        """How many dwells there will be: what the goals need, and the fit to be tested by."""
+        if self._further is None:
+            return None
+        return max(used + self._further, self._progress.planner.least)
 
     def _way(self, pose: Candidate) -> float:
         """How far a pose is from where the sensor is now, rad."""

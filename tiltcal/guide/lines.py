@@ -129,7 +129,7 @@ class LineReader:
                 self.source,
                 found=f"numbers without a header: {text[:60]}",
                 need="names of the columns, such as time_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2",
-                do="send them as the first line, or state them with --columns",
+                do="send them as the first line, or state them (--columns)",
             )
 
     def _name(self, cells: Sequence[str]) -> None:
@@ -144,7 +144,7 @@ class LineReader:
                 self.source,
                 found=f"columns {', '.join(every)[:200]}",
                 need="<sensor>_<axis>_<unit>, such as accel_x_m_s2, and none twice",
-                do="state the columns with --columns",
+                do="state the columns (--columns)",
             )
         if not times and self.rate_hz is None:
             raise TiltcalError(

@@ -123,7 +123,8 @@ class GuideState:
         held_s: how long it has.
         hold_s: how long a dwell has to last.
         dwells: taken so far, in order.
-        expected_dwells: how many the goals need, by the noise and the poses still to come.
+        expected_dwells: how many the goals need, by the noise and the poses still to come, and at
+            least as many as the fit is tested by.
         next: the most useful pose; None when done.
         parameters: each parameter by its name.
         notices: what to mend, the last first.

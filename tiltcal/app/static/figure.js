@@ -1,13 +1,12 @@
 // A plot of a report, drawn as the reports draw it; where it is ranged, the visible range is told.
 let loading;
-const script = (address) => new Promise((resolve, reject) => {
-  const part = document.createElement("script");
-  part.src = address;
-  part.onload = resolve;
-  part.onerror = () => reject(new Error(`${address} cannot be loaded`));
-  document.head.append(part);
+const script = (address, name) => new Promise((resolve, reject) => {  // the page asks for it already
+  if (globalThis[name]) { resolve(); return; }
+  const part = document.querySelector(`script[src="${address}"]`);
+  part.addEventListener("load", resolve);
+  part.addEventListener("error", () => reject(new Error(`${address} cannot be loaded`)));
 });
-const ready = () => { loading ||= Promise.all([script("/_tiltcal/plotly.js"), script("/_tiltcal/drawing.js")]); return loading; };
+const ready = () => { loading ||= Promise.all([script("/_tiltcal/plotly.js", "Plotly"), script("/_tiltcal/drawing.js", "tiltcalDrawing")]); return loading; };
 export default {
   template: `<figure class="figure"><div ref="plot" class="plot" role="img" :aria-label="plot.alternative" :style="{ height: plot.height + 'px' }"></div><figcaption>{{ plot.caption }}</figcaption></figure>`,
   props: { plot: Object, ranged: Boolean },
@@ -31,8 +30,9 @@ export default {
       if (this.ranged) shown.layout.dragmode = "pan";
       tiltcalDrawing.draw(part, shown, { scrollZoom: this.ranged });
       part.removeAllListeners?.("plotly_relayout");
-      part.on("plotly_relayout", (change) => this.moved(change));
-      part.on("plotly_click", (event) => { const at = event.points?.[0]; if (at) this.$emit("point", { index: at.pointNumber, x: at.x }); });
+      part.on("plotly_relayouting", () => part.classList.add("moving"));
+      part.on("plotly_relayout", (change) => { part.classList.remove("moving"); this.moved(change); });
+      part.on("plotly_click", (event) => { const at = event.points?.find((point) => point.data.mode === "markers"); if (at) this.$emit("point", { index: at.pointNumber, x: at.x }); });
     },
     moved(change) {
       const band = Object.keys(change).map((key) => /^shapes\[(\d+)\]\.x[01]$/.exec(key)).find(Boolean);

@@ -1,4 +1,5 @@
 // Files dropped or chosen, sent one after the other as they are.
+const gib = (bytes) => Number((bytes / 2 ** 30).toFixed(2));
 export default {
   template: `<div class="drop" :class="{ over }" @dragover.prevent="over = true" @dragleave="over = false" @drop.prevent="drop">
       <label>{{ label }} <input type="file" multiple @change="choose" :disabled="busy"></label>
@@ -14,7 +15,7 @@ export default {
       this.problem = "";
       this.busy = true;
       for (const file of files) {
-        if (file.size > this.most) { this.problem = `${file.name}: ${file.size} bytes, at most ${this.most}; put it into the workspace folder yourself`; continue; }
+        if (file.size > this.most) { this.problem = `${file.name} has ${gib(file.size)} GiB, and an upload at most ${gib(this.most)} GiB: nothing was sent. Copy the file into the folder of the workspace; it is then listed here.`; continue; }
         try { this.$emit("uploaded", await this.one(file)); } catch (error) { this.problem = String(error.message || error); }
       }
       this.busy = false;

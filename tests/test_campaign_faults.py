@@ -51,7 +51,7 @@ field = "effect.acc_bias.bias_y_ug"
 values = [{values}]
 """
 PROGRAM = [sys.executable, "-m", "tiltcal"]
-COMMAND = [*PROGRAM, "campaign", "c.toml"]
+COMMAND = [*PROGRAM, "campaign", "c.toml", "--progress"]
 SLOW = "seconds = 0.15"
 
 

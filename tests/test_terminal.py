@@ -226,7 +226,7 @@ def test_on_a_terminal_progress_is_one_line_with_the_time_left(good):
         shown = "".join(shown_on(reader))
         said = process.stdout.read()
     assert process.returncode == 0
-    assert re.search(r"searching for effects.*: .*left", shown)
+    assert re.search(r": .*left", shown)  # of a stage: shown once a second
     assert shown.count("\n") <= shown.count("\x1b[1A") + 1  # each line is written over
     assert said.startswith("match")
 

@@ -171,13 +171,12 @@ def printable(
 
 def _of_bounds(found: Efficiency) -> list[str]:
     lines = [
-        f"efficiency at least {100 * found.at_its_times:.1f} % of any poses read at these times as"
-        f" long, {100 * found.of_all:.1f} % of any plan of this table time"
+        f"efficiency at least {100 * found.at_its_times:.1f} % of any poses read at these times",
+        f"efficiency at least {100 * found.of_all:.1f} % of any plan of this table time",
     ]
     if found.at_its_times < TELLING:
         lines.append(
-            "both bounds let every move reach any pose: here the time for moves limits the poses,"
-            " and the bounds say little; with more table time they say more"
+            "both bounds let every move reach any pose; here the time for moves limits them"
         )
     return lines
 

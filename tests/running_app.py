@@ -57,6 +57,25 @@ class Running:
         return headers["set-cookie"].partition(";")[0]
 
 
+def held_by_hand(rate_hz):
+    """A scenario of an accelerometer triad that is turned by hand."""
+    return HELD_BY_HAND.format(rate_hz=rate_hz)
+
+
+HELD_BY_HAND = """schema = 1
+name = "live"
+[site]
+gravity_m_s2 = 9.80123
+[rig]
+table = "handheld"
+[[sensor]]
+name = "accel"
+kind = "accelerometer"
+rate_hz = {rate_hz}
+adjustable = ["bias", "scale", "cross_axis"]
+"""
+
+
 @contextmanager
 def running(folder, *words):
     """An application in a folder, until the block ends."""

@@ -13,7 +13,8 @@ import pytest
 from hand_simulation import Hand
 from test_app import GIB, hand_held_log
 
-from tests.running_app import TOKEN, Page, running
+from tests.running_app import TOKEN, Page, held_by_hand, running
+from tiltcal.recordings.recording_files import read_recording
 
 pytest.importorskip("nicegui", reason="the extra tiltcal[app] is not installed")
 FOCUSED = """() => {
@@ -103,6 +104,7 @@ def test_a_keyboard_leads_from_a_log_to_a_certificate(page):
     keys.press("Certify")
     frame = page.page.frame_locator("iframe.report")
     frame.get_by_text("0042").first.wait_for()
+    assert "0042" in (page.app.folder / "certificate.html").read_text()
     page.require_clean()
 
 
@@ -123,6 +125,7 @@ def test_a_file_that_is_put_into_the_folder_is_listed(page):
     page.shows("button:has-text('bench.toml')")
     (page.app.folder / "bench.toml").unlink()
     page.shows("text=The workspace is empty.")
+    assert not page.page.locator("button:has-text('bench.toml')").count()
 
 
 class Dropping(threading.Thread):
@@ -162,7 +165,7 @@ def test_a_source_that_drops_and_returns_is_told_of_and_goes_on(page):
     sensor = Dropping()
     sensor.start()
     sensor.listening.wait(10)
-    (page.app.folder / "hand.toml").write_text(HAND)
+    (page.app.folder / "hand.toml").write_text(held_by_hand(100))
     page.page.get_by_role("button", name="hand.toml", exact=True).click()
     page.go("Guide")
     page.fill("Source", f"tcp://127.0.0.1:{sensor.port}")
@@ -176,18 +179,6 @@ def test_a_source_that_drops_and_returns_is_told_of_and_goes_on(page):
     page.press("Stop and write")
     page.shows("text=Download recording")
     sensor.ended.set()
+    (written,) = page.app.folder.glob("**/recording.csv")
+    assert len(read_recording(written)) > before + 100
     page.require_clean()
-
-
-HAND = """schema = 1
-name = "live"
-[site]
-gravity_m_s2 = 9.80123
-[rig]
-table = "handheld"
-[[sensor]]
-name = "accel"
-kind = "accelerometer"
-rate_hz = 100
-adjustable = ["bias", "scale", "cross_axis"]
-"""

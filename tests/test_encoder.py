@@ -11,6 +11,7 @@ from tiltcal.core.units import ARCSEC, DEG
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording_files import read_recording
 
+STIFFNESS = 20000.0  # N m/rad
 RATE = 30.0  # deg/s, of every move
 STEP = 60.0  # deg
 BENCH = """\
@@ -115,6 +116,32 @@ def test_a_run_by_time_steps_has_the_lag_of_its_servo(tmp_path):
         lags.append(np.median(deviation(recording)[moving_steadily(recording)]))
     assert lags[0] - lags[1] == pytest.approx(200 / stiffness * RATE * DEG, rel=1e-3)
     assert -lags[0] > 100 / stiffness * RATE * DEG
+
+
+@pytest.mark.parametrize(
+    ("text", "read", "friction"),
+    [
+        ('id = "servo_droop"\ndroop_arcsec = 40', 40.0, 0.0),
+        ('id = "table_backlash"\naxis = "outer"\nwidth_arcsec = 30', 0.0, 2.0 / STIFFNESS),
+        ('id = "table_sag"\nsag_arcsec = 40', 0.0, 0.0),
+        ('id = "table_encoder_eccentricity"\naxis = "outer"\ncos_arcsec = 50', 0.0, 0.0),
+    ],
+    ids=["droop", "backlash", "sag", "eccentricity"],
+)
+def test_a_run_by_time_steps_shows_it_the_motor_alone(tmp_path, text, read, friction):
+    """MuJoCo's gravity on its servo, its play and its springs, at rest a second after each move.
+    The load with play rubs with 2 N m, which the servo holds by friction over stiffness.
+    """
+    servo = f"[dynamics]\nstiffness_N_m_rad = {STIFFNESS}\ndamping_N_m_s_rad = 100.0\n"
+    sound, _ = simulated(tmp_path, servo, "sound")
+    recording, _ = simulated(tmp_path, servo + effect(text))
+    command = np.asarray(recording.column("table_outer_deg"))
+    moves = np.abs(np.gradient(command)) > 1e-9
+    rest = np.convolve(moves, np.ones(101), "same") == 0
+    found = np.abs(deviation(recording) - deviation(sound))[rest] / ARCSEC
+    expected = np.abs(np.sin(np.radians(command[rest])))
+    off = np.abs(found - read * expected)
+    assert off.max() < 0.05 + friction / ARCSEC
 
 
 @pytest.mark.parametrize(

@@ -229,8 +229,12 @@ def observed(
     errors = readout_errors(scenario.effects)
     if scenario.rig.readout == "command":
         goals = true_angles(scenario, replace(asked, structure={}), errors)
-        beyond = {name: motors[name] - goals[name] + beyond.get(name, Jet(0.0)) for name in motors}
-        return replace(asked, structure=joints | beyond, realised=realised)
+        errors_of_motors = {name: motors[name] - goals[name] for name in motors}
+        beyond = {n: off + beyond.get(n, Jet(0.0)) for n, off in errors_of_motors.items()}
+        structure = joints | beyond
+        return replace(
+            asked, structure=structure, following_error=errors_of_motors, realised=realised
+        )
     axes = _readout(scenario, replace(asked, structure={}), motors, errors)
     return replace(asked, axes=axes, structure=joints | beyond, realised=realised)
 

@@ -21,7 +21,7 @@ from hand_simulation import Hand
 
 import tiltcal as tc
 from tests.benchmarks import sized
-from tests.running_app import TOKEN, Page, running
+from tests.running_app import TOKEN, Page, held_by_hand, running
 from tiltcal.recordings.saving import write_recording
 from tiltcal.setup.pose_schemes import directions
 
@@ -197,24 +197,10 @@ def _resident_mib(pid: int) -> float:
     return int(next(x for x in lines if x.startswith("VmRSS")).split()[1]) / 1024
 
 
-SCENARIO = """schema = 1
-name = "live"
-[site]
-gravity_m_s2 = 9.80123
-[rig]
-table = "handheld"
-[[sensor]]
-name = "accel"
-kind = "accelerometer"
-rate_hz = 1000
-adjustable = ["bias", "scale", "cross_axis"]
-"""
-
-
 @contextmanager
 def _guiding(browser, folder: Path, sender: Sender):
     """The Guide page, with a source that has begun to send."""
-    (folder / "hand.toml").write_text(SCENARIO)
+    (folder / "hand.toml").write_text(held_by_hand(1000))
     with running(folder, "--token", TOKEN) as app:
         page = Page(browser, app)
         page.page.get_by_role("button", name="hand.toml", exact=True).click()

@@ -144,15 +144,15 @@ def print_table(
     from rich.table import Table
 
     width = line_width()
-    cells = [[plain(cell) for cell in row] for row in (header, *rows)]
+    whole = cells = [[plain(cell) for cell in row] for row in (header, *rows)]
     left_out: list[str] = []
     while (fitted := fitted_widths(cells, width)) is None:
         if len(left_out) == len(spare):
-            _print_as_lists([[plain(cell) for cell in row] for row in (header, *rows)], title)
+            _print_as_lists(whole, title)
             return
         left_out.append(spare[len(left_out)])
         kept = [k for k, name in enumerate(header) if name not in left_out]
-        cells = [[plain(row[k]) for k in kept] for row in (header, *rows)]
+        cells = [[row[k] for k in kept] for row in whole]
     widths, gap = fitted
     shown = None if title is None else plain(title)
     table = Table(

@@ -30,7 +30,7 @@ WHITE = {
     "inclinometer": 25e-6,
     "gyro": 1e-4,
     "fog": 3e-6,
-    "encoder": 0.1 * ARCSEC,
+    "encoder": 0.1 * ARCSEC,  # enc_noise of the mid grade
 }
 
 

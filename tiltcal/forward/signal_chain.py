@@ -245,8 +245,8 @@ def _delays(
 def _encoded(axis: str, setup: Setup, drive: Drive, effects: Sequence[Effect]) -> Array:
     """Where an encoder finds an axis, rad, (n,): at the command, and what the drive leaves."""
     found = drive.axes[axis]
-    if axis in drive.structure:
-        found = found + drive.structure[axis]
+    if axis in drive.following_error:
+        found = found + drive.following_error[axis]
     of_drive = [e for e in effects if isinstance(e, AngleEffect) and e.of_drive]
     for effect in of_drive:
         if effect.address not in drive.realised and effect.acts_on(axis, setup.rig):

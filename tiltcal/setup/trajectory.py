@@ -109,6 +109,8 @@ class Drive:
         known: rows where the readout is known, (n,) bool.
         structure: what a run by time steps found: deviation of an axis from its readout, and
             deflections of the structure's own joints, by name.
+        following_error: of a run by time steps whose readout is the command: each motor less what
+            it was asked for, the part of ``structure`` that an encoder reads too.
         realised: addresses of the effects that the readout or ``structure`` already includes: the
             algebra leaves them out.
         standstills: function that returns when each standstill began and ended; None: with the
@@ -127,6 +129,7 @@ class Drive:
     attitude: Attitude | None = None
     known: npt.NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, bool))
     structure: Mapping[str, Jet] = field(default_factory=dict)
+    following_error: Mapping[str, Jet] = field(default_factory=dict)
     realised: tuple[str, ...] = ()
     standstills: "Callable[[], Standstills] | None" = None
     rows_apart: bool = False

@@ -21,7 +21,7 @@ SPARING = Effort(starts=6, first=25, then=60, kept=2, rounds=1, trials=20)
 # poses up to which more paths are tried: they are cheap, and there are more kinds of good ones
 FEW = 25
 EAGER = Effort(starts=42, kept=5, rounds=3)
-VERY_FEW = 8
+VERY_FEW = 8  # poses, up to which the best path is annealed
 THOROUGH = replace(EAGER, hops=300)
 
 

@@ -10,7 +10,9 @@ from builders import ACCEL, GYRO, setup_of
 
 from tiltcal.diagnosis.data.table_channels import TableObservations
 from tiltcal.diagnosis.hypotheses.block_averaging import MOST_ROWS, READINGS, ROWS, block_of
+from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
 from tiltcal.effects import make_effect
+from tiltcal.effects.learned import LearnedReading, LearnedTilt
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
@@ -87,6 +89,25 @@ def test_what_is_quick_changes_a_block_by_the_mean_of_its_changes(whole):
             blocks.changes(one, ())[i],
             np.add.reduceat(column, starts) / np.diff(starts, append=len(column)),
         )
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        curve_over(LearnedTilt, "time", 4, period=0.3, slot="mount", turn="x", place="mount"),
+        curve_over(LearnedReading, "time", 4, period=0.3, sensor="accel", axis="y"),
+    ],
+    ids=["tilt", "reading"],
+)
+def test_the_columns_of_a_quick_curve_are_the_changes_by_each_coefficient(whole, curve):
+    blocks = whole.averaged(8)
+    assert blocks.quick(curve.effect)
+    found = blocks.columns(curve.effect, curve.names, ())
+    assert found
+    for k, name in enumerate(curve.names):
+        expected = blocks.changes(curve.alone(name), ())
+        for i, (which, rows) in found.items():
+            np.testing.assert_allclose(rows[which.index(k)], expected[i], atol=1e-12)
 
 
 def test_blocks_are_of_the_same_rows_whatever_cells_are_missing(whole):

@@ -60,11 +60,11 @@ class SampleBlocks:
         return int(self.counts.sum())
 
     def means(self, values: Array) -> Array:
-        """Means over the samples of each block, (n,) -> (blocks,)."""
-        values = values[: self.samples]
-        if len(values) == len(self.starts):
+        """Means over the samples of each block, (..., n) -> (..., blocks)."""
+        values = values[..., : self.samples]
+        if values.shape[-1] == len(self.starts):
             return values
-        return np.asarray(np.add.reduceat(values, self.starts) / self.counts)
+        return np.asarray(np.add.reduceat(values, self.starts, axis=-1) / self.counts)
 
 
 @dataclass(frozen=True)

@@ -368,8 +368,11 @@ class TableObservations(Observations):
         """Change of each channel by each size alone; those of a curve all at once. By channel:
         numbers of the sizes, and the changes, SI, (sizes, n).
         """
-        if not isinstance(effect, Learned) or self.quick(effect) or effect.seen_in is not None:
+        if not isinstance(effect, Learned) or effect.seen_in is not None:
             return super().columns(effect, names, around)
+        if self._whole is not None and self.quick(effect):
+            whole = self._whole.columns(effect, names, around)
+            return {i: (k, self._blocks[i].means(each)) for i, (k, each) in whole.items()}
         return self._curves.columns(effect, names, self.watches(around))
 
     def factors(

@@ -110,7 +110,7 @@ def extend_dictionary(state: State, known: SpectralLines) -> bool:
     before = len(columns.hypotheses)
     nuisance = [t.hypothesis for t in fitted.nuisance]
     listed = listed_hypotheses(observations.scenario, ranges_of(observations, new), nuisance)
-    cycles = periodic_curves(observations, new, sorted(read_sensors(observations)))
+    cycles = _equal_together(periodic_curves(observations, new, sorted(read_sensors(observations))))
     named = filter(lambda h: _is_line(h, new), listed)
     for hypothesis in _by_recording(chain(named, cycles), observations):
         columns.add(hypothesis, fitted.effects)

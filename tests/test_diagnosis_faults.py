@@ -652,3 +652,52 @@ def one_fault_of(prepared):
 def rows_of(recording, rows):
     columns = {name: recording.column(name)[rows] for name in recording.column_names}
     return Recording.from_columns(recording.time[rows], columns)
+
+
+def stating(scenario, *effects):
+    """What an honest user knows, and these effects."""
+    table = honest(scenario).model_dump(exclude_defaults=True, by_alias=True)
+    return parse_scenario({"schema": 1, **table, "effect": list(effects)})
+
+
+COARSE = [
+    {"id": "adc_quantisation", "sensor": "accel", "lsb_si": 0.01},
+    {"id": "data_truncation", "step_deg": 0.1},
+]
+
+
+@pytest.mark.parametrize("fault", COARSE, ids=[fault["id"] for fault in COARSE])
+def test_coarse_codes_that_are_stated_hide_as_much_as_those_that_are_found(fault):
+    truth = bench(fault)
+    read = recorded(truth, 5)
+    found, known = prepare(honest(truth), [read]), prepare(stating(truth, fault), [read])
+    assert {f.effect.id for f in found.faults} == {fault["id"]}
+    assert known.faults == ()
+    assert known.whitened.floors
+    assert known.whitened.floors == pytest.approx(dict(found.whitened.floors), rel=1e-3)
+    assert bool(known.observations.cut) is (fault["id"] == "data_truncation")
+
+
+def test_fine_steps_of_an_angle_hide_nothing(truth, sound):
+    fine = stating(truth, {"id": "data_truncation", "step_deg": 0.0001})
+    prepared = prepare(fine, [sound])
+    assert not prepared.observations.cut
+    assert not prepared.whitened.floors
+
+
+@pytest.mark.parametrize("id", ["emi_spike", "data_outlier"])
+def test_spikes_that_are_stated_are_left_out_and_no_finding(id):
+    spikes = {"id": id, "sensor": "accel", "share_unitless": 0.02}
+    truth = bench(spikes)
+    read = recorded(truth, 5)
+    assert faults_of(truth, read).keys() == {"data_outlier"}
+    known = prepare(stating(truth, spikes), [read])
+    assert known.faults == ()
+    assert len(known.observations.channels[0].values) < len(read)
+
+
+def test_a_loss_of_samples_that_is_stated_is_no_labelling_fault():
+    """Its last rows have no prediction."""
+    drop = {"id": "data_drop", "sensor": "accel", "samples": 3, "time_s": 60.0}
+    truth = bench(drop)
+    assert find_labelling_faults(stating(truth, drop), recorded(truth, 5)) == []

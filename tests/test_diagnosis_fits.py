@@ -159,7 +159,7 @@ def test_what_moves_tell_is_not_named_where_the_angles_are_cut():
     cut = DataTruncation({"step": 1e-4}, None, None, "found")
     found.observations.known = (*found.observations.known, cut)
     assert not seen(found, fitted, {"accel": 1e-6})
-    build_dictionary(found.whitened, found.start, SpectralLines(), blurred=True)
+    build_dictionary(found.whitened, found.start, SpectralLines())
     assert not {"settling_transient", "table_backlash", "lever_arm"} & {
         s.id for s in found.whitened.hypotheses
     }

@@ -99,7 +99,7 @@ def diagnose(
         at_rest = None
         if rest is not None:
             at_rest = static_noise(prepared.observations, rest, noise, prepared.faults)
-        build_dictionary(prepared.whitened, prepared.start, lines, prepared.blurred, stages.part)
+        build_dictionary(prepared.whitened, prepared.start, lines, stages.part)
         if search is not None:
             said = search(prepared)
         else:

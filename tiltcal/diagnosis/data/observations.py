@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Single
+from tiltcal.core.units import DEG
 from tiltcal.diagnosis.data.block_grid import Sampling, blocks_of, mean_times
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import DataTruncation
@@ -152,6 +153,7 @@ class CurveFactors:
         return self.sampling.adjoint(weighed)
 
 
+COARSE = 0.002 * DEG  # of an angle's steps: finer ones spoil nothing that noise does not
 KEPT = 4  # residuals: a step and the one before it, and the models that these are compared with
 
 
@@ -192,8 +194,9 @@ class Observations(ABC):
 
     @property
     def cut(self) -> dict[str, float]:
-        """Steps that readouts are cut to, of the axes where they are, rad."""
+        """Steps that readouts are cut to, of the axes where they are coarse, rad."""
         cuts = [e for e in self.known if isinstance(e, DataTruncation)]
+        cuts = [e for e in cuts if e.value("step") >= COARSE]
         axes = self.scenario.rig.axis_names
         return {a: e.value("step") for e in cuts for a in axes if e.axis in (None, a)}
 

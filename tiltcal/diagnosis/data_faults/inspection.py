@@ -31,12 +31,14 @@ class Inspected:
     Args:
         recordings: repaired.
         faults: found; their effects are not in the scenario yet.
+        stated: found as well, but the scenario has them.
         notes: what is no mismatch but worth saying.
         left_out: rows that were left out because their stamps do not increase.
     """
 
     recordings: tuple[Recording, ...]
     faults: tuple[Fault, ...] = ()
+    stated: tuple[Fault, ...] = ()
     notes: tuple[str, ...] = ()
     left_out: tuple["LeftOut", ...] = ()
 
@@ -72,7 +74,6 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
 
     What the catalogue has an effect for is a fault; the other findings are notes.
     """
-    known = {(e.id, e.sensor) for e in scenario.effects}
     faults: list[Fault] = []
     notes: list[str] = []
     left_out: list[LeftOut] = []
@@ -82,18 +83,22 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
             notes.append(f"{recording.source}: {ignored}")
         recording, rows = in_order(recording)
         left_out += rows
-        of_readout = (*truncated_angles(recording, scenario), *held_readout(recording, scenario))
-        faults += [f for f in of_readout if (f.effect.id, None) not in known]
+        faults += [*truncated_angles(recording, scenario), *held_readout(recording, scenario)]
         sensors = [s for s in scenario.sensor if recording.has(s)]
         inspection = inspect_recording(recording, sensors)
         for finding in inspection.findings:
             fault = fault_of(finding, recording, sensors)
             if fault is None:
                 notes.append(f"{recording.source}: {finding.statement}")
-            elif not {(id, fault.effect.sensor) for id in fault.ids} & known:
+            else:
                 faults.append(fault)
         repaired.append(with_repaired_readings(recording, inspection))
-    return Inspected(tuple(repaired), tuple(once(faults)), tuple(notes), tuple(left_out))
+    known = {(e.id, e.sensor) for e in scenario.effects}
+    new = [f for f in faults if not {(id, f.effect.sensor) for id in f.ids} & known]
+    stated = [f for f in faults if f not in new]
+    return Inspected(
+        tuple(repaired), tuple(once(new)), tuple(once(stated)), tuple(notes), tuple(left_out)
+    )
 
 
 def fault_of(finding: Finding, recording: Recording, sensors: Sequence[Sensor]) -> Fault | None:

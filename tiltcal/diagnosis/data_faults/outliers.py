@@ -57,10 +57,9 @@ def find_outliers(
             repaired[number] = changed(
                 repaired[number], scenario.named(sensor), axis, rows[far], np.nan
             )
-    known = {(e.id, e.sensor) for e in scenario.effects}
-    return [
-        _fault(name, found) for name, found in seen.items() if (DataOutlier.id, name) not in known
-    ], tuple(repaired)
+    known = {e.sensor for e in scenario.effects if isinstance(e, DataOutlier)}
+    new = [_fault(name, found) for name, found in seen.items() if name not in known]
+    return new, tuple(repaired)
 
 
 def _at_an_end(stop: Index, rows: Index) -> Mask:

@@ -31,7 +31,7 @@ from tiltcal.diagnosis.model.refitting import refit, refit_about_itself
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.faults import DataDrop
-from tiltcal.effects.data.labelling_faults import DataPoseLabel, DataTruncation, DataUnit
+from tiltcal.effects.data.labelling_faults import DataPoseLabel, DataUnit
 from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
 from tiltcal.effects.timing.delays import DataJitter
 from tiltcal.laboratory.scenario import Scenario
@@ -67,11 +67,6 @@ class PreparedData:
     notes: tuple[str, ...]
     left_out: tuple[LeftOut, ...] = ()
 
-    @property
-    def blurred(self) -> bool:
-        """Whether the table's angles are truncated."""
-        return any(isinstance(f.effect, DataTruncation) for f in self.faults)
-
     def over(self, observations: Observations, *faults: Fault) -> "PreparedData":
         """The same for other observations, with the adjustable terms re-fitted and further
         faults.
@@ -101,7 +96,7 @@ def prepare(
     faults = once([*seen, *faults])
     known = [e for e in (*scenario.effects, *(f.effect for f in faults)) if not e.repair]
     stated = {e.id for e in scenario.effects}
-    floors = code_floors(scenario, faults)
+    floors = code_floors(scenario, [*faults, *inspected.stated])
     observations = observe(scenario, sound, known)
     start, whitened = calibrated(observations, law, floors)
     said = tuple(faults), inspected.notes, inspected.left_out

@@ -4,13 +4,13 @@ import numpy as np
 
 from tiltcal.core.quantisation import lsb_grid
 from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.diagnosis.data.observations import COARSE
 from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.effects.data.labelling_faults import DataTruncation
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.tables import angle_channel
 
-CUT = 0.002  # deg: finer steps spoil nothing that noise does not
 DECIMAL = 1e-3  # relative, to which steps are told
 
 
@@ -32,7 +32,7 @@ def truncated_angles(recording: Recording, scenario: Scenario) -> list[Fault]:
         angle = angle[~np.isnan(angle)]
         step = lsb_grid(angle) if len(angle) >= 64 else None
         unit = str(split_unit(str(recording.channel(angle_channel(axis))))[1])
-        if step is None or step < np.radians(CUT) or not _decimal(step / COLUMN_UNITS[unit].factor):
+        if step is None or step < COARSE or not _decimal(step / COLUMN_UNITS[unit].factor):
             continue
         counts = angle / step
         if np.abs(counts - np.rint(counts)).max() < 0.03 and len(np.unique(np.rint(counts))) > 64:

@@ -215,4 +215,5 @@ def _pair(
     predicted = readings(scenario, turned, {sensor.name: recording.time[samples.rows[some]]}, met)[
         sensor.name
     ]
-    return samples.values[some], predicted
+    told = ~np.isnan(predicted).any(axis=1)  # a stated loss of samples leaves rows without one
+    return samples.values[some[told]], predicted[told]

@@ -35,7 +35,6 @@ def build_dictionary(
     whitened: WhitenedModel,
     fitted: FittedModel,
     lines: SpectralLines,
-    blurred: bool = False,
     part: Part = unmeasured,
 ) -> None:
     """Add the columns of every hypothesis.
@@ -44,7 +43,6 @@ def build_dictionary(
         whitened: what they are added to, under the noise of the calibrated scenario.
         fitted: the calibrated scenario.
         lines: spectral lines of what it leaves.
-        blurred: whether the table's angles are truncated.
         part: is told what part of the hypotheses is done.
     """
     columns, observations = whitened.columns, whitened.observations
@@ -57,7 +55,7 @@ def build_dictionary(
     passing = transients(fitted, whitened)
     every = list(_by_recording(chain(listed, steps, every_curve, passing), observations))
     for k, hypothesis in enumerate(every, 1):
-        if not (blurred and needs_motion(hypothesis.effect)):
+        if not (observations.cut and needs_motion(hypothesis.effect)):
             columns.add(hypothesis, effects)
         if k % OFTEN == 0:
             part(k / len(every))

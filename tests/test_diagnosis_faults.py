@@ -678,6 +678,17 @@ def test_coarse_codes_that_are_stated_hide_as_much_as_those_that_are_found(fault
     assert bool(known.observations.cut) is (fault["id"] == "data_truncation")
 
 
+def test_a_bit_that_is_stated_as_stuck_is_put_back_as_one_that_is_found():
+    fault = {"id": "adc_stuck_bit", "sensor": "accel", "axis": "x", "bit_value_si": 0.05}
+    truth = bench(fault)
+    read = recorded(truth, 5)
+    found, known = prepare(honest(truth), [read]), prepare(stating(truth, fault), [read])
+    assert {f.effect.id for f in found.faults} == {fault["id"]}
+    assert known.faults == ()
+    for a, b in zip(found.observations.channels, known.observations.channels, strict=True):
+        np.testing.assert_array_equal(a.values, b.values)
+
+
 def test_fine_steps_of_an_angle_hide_nothing(truth, sound):
     fine = stating(truth, {"id": "data_truncation", "step_deg": 0.0001})
     prepared = prepare(fine, [sound])

@@ -12,7 +12,7 @@ from diagnosis_fixtures import honest, rewritten
 from tiltcal.cli import main
 from tiltcal.data_quality.spikes import off_neighbours
 from tiltcal.diagnosis.data_faults.prepare import prepare
-from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording_files import read_recording
 
 JITTER = 5e-3  # s
@@ -49,6 +49,20 @@ def trembling_in_moves(rng, slopes):
 def found_in(truth, sound, noise):
     columns = {name: sound.column(name) + noise[:, k] for k, name in enumerate(COLUMNS)}
     return prepare(honest(truth), [rewritten(sound, **columns)]).faults
+
+
+def test_random_stamps_that_are_stated_are_left_out_alike(truth, sound, rng):
+    slopes = slopes_of(sound)
+    noise = slopes * rng.normal(0, JITTER, (len(slopes), 1))
+    columns = {name: sound.column(name) + noise[:, k] for k, name in enumerate(COLUMNS)}
+    table = honest(truth).model_dump(exclude_defaults=True, by_alias=True)
+    stated = [{"id": "data_jitter", "sensor": "accel", "jitter_ms": 1e3 * JITTER}]
+    knows = parse_scenario({"schema": 1, **table, "effect": stated})
+    read = [rewritten(sound, **columns)]
+    found, known = prepare(honest(truth), read), prepare(knows, read)
+    assert known.faults == ()
+    for a, b in zip(found.observations.channels, known.observations.channels, strict=True):
+        assert len(b.values) == len(a.values) < len(sound)
 
 
 def test_random_stamps_are_found_and_sized(truth, sound, rng):

@@ -96,12 +96,13 @@ def prepare(
     faults = once([*seen, *faults])
     known = [e for e in (*scenario.effects, *(f.effect for f in faults)) if not e.repair]
     stated = {e.id for e in scenario.effects}
-    floors = code_floors(scenario, [*faults, *inspected.stated])
+    seen_in_columns = [*faults, *inspected.stated]
+    floors = code_floors(scenario, seen_in_columns)
     observations = observe(scenario, sound, known)
     start, whitened = calibrated(observations, law, floors)
     said = tuple(faults), inspected.notes, inspected.left_out
     prepared = PreparedData(observations, whitened, start, *said)
-    prepared = _with_bits(prepared, known)
+    prepared = _with_bits(prepared, known, seen_in_columns)
     if not floors:  # first: a jump of the readout is a rate that no sensor had
         slips, level = find_readout_jumps(prepared.observations, prepared.start)
         new = () if DataPoseLabel.id in stated else slips
@@ -109,24 +110,30 @@ def prepare(
     if not floors and DataDrop.id not in stated:
         losses, moved = find_lost_samples(prepared.observations, prepared.start)
         prepared = prepared.over(observe(scenario, moved, known), *losses) if losses else prepared
-    if (
-        not floors
-        and DataJitter.id not in stated
-        and (stamps := find_stamp_jitter(prepared.start, prepared.observations)) is not None
-    ):
+    stamps = None if floors else find_stamp_jitter(prepared.start, prepared.observations)
+    if stamps is not None:
         quiet = at_rest_only(prepared.observations, prepared.start, stamps.effect.value("jitter"))
-        prepared = prepared.over(observe(scenario, quiet, known), stamps)
+        scattered = () if DataJitter.id in stated else (stamps,)
+        prepared = prepared.over(observe(scenario, quiet, known), *scattered)
     wild, mended = find_outliers(prepared.observations, prepared.start, floors)
     if any(a is not b for a, b in zip(mended, prepared.observations.sources, strict=True)):
         prepared = prepared.over(observe(scenario, mended, known), *wild)
     return prepared if floors else _with_right_stops(prepared, known, DataPoseLabel.id in stated)
 
 
-def _with_bits(prepared: PreparedData, known: Sequence[Effect]) -> PreparedData:
-    """Missing bits put back, repeatedly as long as the better fit changes some."""
+def _with_bits(
+    prepared: PreparedData, known: Sequence[Effect], faults: Sequence[Fault]
+) -> PreparedData:
+    """Missing bits put back, repeatedly as long as the better fit changes some.
+
+    Args:
+        prepared: readings that lack them.
+        known: effects that act.
+        faults: seen in the columns, those that the scenario states among them.
+    """
     bits = {
         (f.sensors[0], f.axes[0]): f.effect.value("bit_value")
-        for f in prepared.faults
+        for f in faults
         if isinstance(f.effect, AdcStuckBit)
     }
     as_came, scenario = prepared.observations.sources, prepared.observations.scenario

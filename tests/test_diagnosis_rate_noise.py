@@ -3,6 +3,7 @@ it moves.
 """
 
 import numpy as np
+from diagnosis_fixtures import bench, honest, recorded
 from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.data.observe import observe
@@ -61,6 +62,17 @@ def test_rows_are_weighed_by_the_noise_of_the_rate_that_the_readout_tells():
 def test_the_noise_of_rates_is_no_finding():
     recording, _ = swung("null")
     assert diagnose(TABLE, [recording]).verdict == "match"
+
+
+def test_moves_that_are_too_quick_for_the_rate_of_a_log_are_no_finding():
+    """Its rows miss each acceleration alike: many such moves tell no more than one."""
+    gyro = {"name": "gyro", "kind": "gyro", "rate_hz": 10.0, "adjustable": ["bias"]}
+    table = bench().model_dump(exclude_defaults=True, by_alias=True)
+    table |= {"schema": 1, "sensor": [gyro]}
+    noise = {"id": "gyr_noise", "sensor": "gyro", "white_deg_rth": 0.1}
+    truth = parse_scenario({**table, "effect": [noise]})
+    found = diagnose(honest(truth), [recorded(truth, 5)])
+    assert found.findings == ()
 
 
 def test_noise_that_grows_with_the_motion_weighs_rows_and_is_told():

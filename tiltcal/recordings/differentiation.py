@@ -357,8 +357,9 @@ def _missed(
     time: Array, angle: Array, motion: tuple[Array, Array], variance: Array, noise: Array
 ) -> Array:
     """Square of what the rates of three rows are off the angle between the outer two (Simpson's
-    rule), where its noise does not explain that, (n,): a long window has little noise, and yet may
-    reach beyond the end of the turn that it is fitted to.
+    rule), where its noise does not explain that, times the number of such rows, (n,): a long window
+    has little noise, and yet may reach beyond the end of the turn that it is fitted to. Moves that
+    are alike miss alike, so that all these rows tell no more than one.
 
     Args:
         time: in samples, (n,).
@@ -371,7 +372,8 @@ def _missed(
     off = (turned - (v[:-2] + 4 * middle + v[2:]) / 6) ** 2
     usual = (noise[2:] ** 2 + noise[:-2] ** 2) / 4 + variance[1:-1]
     # the middle one counts two thirds
-    return np.pad(np.where(off > RINGING * usual, off * 1.5**2, 0.0), 1)
+    missed = np.where(off > RINGING * usual, off * 1.5**2, 0.0)
+    return np.pad(missed * np.count_nonzero(missed), 1)
 
 
 def _on_lines(u: Array, noise: Array) -> Mask:

@@ -23,6 +23,23 @@ def column_space(columns: Array) -> Array:
     return np.asarray(Q @ (vectors / np.sqrt(values)))
 
 
+def space_with_prior(columns: Array, random: Array) -> Array:
+    """Orthonormal columns of a mean model, as far as the observations hold them, (n, rank).
+
+    A normal size of unit variance is one more observation, "size = 0 with unit noise": the columns
+    are orthonormal with these, whose rows are left out.
+
+    Args:
+        columns: of any size, in units of the noise, (n, p).
+        random: of a normal size of unit variance, (n, q).
+    """
+    if not random.shape[1]:
+        return column_space(columns)
+    both = np.column_stack([columns, random])
+    prior = np.eye(random.shape[1], both.shape[1], columns.shape[1])
+    return column_space(np.vstack([both, prior]))[: len(columns)]
+
+
 def inverse_root(gram: Array, energy: Array | None = None) -> Array:
     """Combinations of columns that are orthonormal, and span the columns' space, (p, rank).
 
@@ -47,7 +64,8 @@ class CommonErrors:
 
     With independent errors of unit variance, and columns u that belong to the fit, the covariance
     of the observations is ``C = 1 + U U'``. Its inverse square root weights observations and design
-    (generalised least squares); of U = Q s V' it is ``1 + Q (1/sqrt(1 + s^2) - 1) Q'``.
+    (generalised least squares); with the eigenvectors E and eigenvalues v of U'U, and W = U E, it
+    is ``1 - W (1 / (r (1 + r))) W'``, r = sqrt(1 + v).
 
     Args:
         columns: what one standard deviation of each error adds to the whitened observations,
@@ -60,15 +78,23 @@ class CommonErrors:
 
     def weight(self, rows: Array) -> Array:
         """``C^-1/2`` times some whitened observations or columns of them, (n,) or (n, p)."""
-        Q, factor = self._root
-        part = Q.T @ rows
-        return np.asarray(rows + Q @ (factor * part.T).T)
+        W, r = self._turned
+        return np.asarray(rows - W @ ((W.T @ rows).T / (r * (1 + r))).T)
 
     def unweighted(self, rows: Array) -> Array:
         """``C^1/2`` times some weighted observations: what they were before, (n,) or (n, p)."""
-        Q, factor = self._root
-        part = Q.T @ rows
-        return np.asarray(rows + Q @ ((1 / (1 + factor) - 1) * part.T).T)
+        W, r = self._turned
+        return np.asarray(rows + W @ ((W.T @ rows).T / (1 + r)).T)
+
+    def lost(self) -> Array:
+        """D of ``C^-1 = 1 - D D'``: the directions in which observations say less, (n, k)."""
+        W, r = self._turned
+        return np.asarray(W / r)
+
+    @property
+    def log_det(self) -> float:
+        """Logarithm of the determinant of ``C``."""
+        return float(2 * np.log(self._turned[1]).sum())
 
     def times(self, matrix: Array) -> "CommonErrors":
         """Of linear combinations of the observations. matrix: (m, n)."""
@@ -84,9 +110,11 @@ class CommonErrors:
         return replace(self, fitted=np.zeros_like(self.fitted))
 
     @cached_property
-    def _root(self) -> tuple[Array, Array]:
-        Q, s, _ = np.linalg.svd(self.columns[:, self.fitted], full_matrices=False)
-        return Q, 1 / np.sqrt(1 + s * s) - 1
+    def _turned(self) -> tuple[Array, Array]:
+        """W and r of the formula."""
+        U = self.columns[:, self.fitted]
+        values, vectors = np.linalg.eigh(U.T @ U)
+        return U @ vectors, np.sqrt(1 + np.maximum(values, 0.0))
 
 
 def no_common_errors(n: int) -> CommonErrors:

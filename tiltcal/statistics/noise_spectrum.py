@@ -21,7 +21,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.statistics.cosine_transform import cosines, inverse_cosines
 from tiltcal.statistics.dwell_noise import ARITHMETIC
-from tiltcal.statistics.least_squares import column_space
+from tiltcal.statistics.least_squares import space_with_prior
 
 BINS = 160  # of the logarithmic frequency axis: S is smooth
 LOW = 3000  # cosine coefficients in which slow noise may stand out of white noise
@@ -275,7 +275,11 @@ def white_noise(sigma: float) -> NoiseModel:
 
 
 def estimate_noise(
-    residual: Array, mean: Array, kind: type[NoiseModel], rounds: int = 2
+    residual: Array,
+    mean: Array,
+    kind: type[NoiseModel],
+    rounds: int = 2,
+    random: Array | None = None,
 ) -> NoiseFit:
     """The noise behind a residual whose mean model is ``mean``.
 
@@ -284,16 +288,18 @@ def estimate_noise(
         mean: those of the columns that may be in it with any size, (n, p).
         kind: class of the noise model.
         rounds: of generalised least squares and fit.
+        random: those of columns that are in it with a normal size of unit variance, (n, q).
     """
     n = len(residual)
+    random = mean[:, :0] if random is None else random
     # beyond it all noise is white and the mean has hardly any part
-    slow = min(n, max(LOW, 4 * mean.shape[1]))
+    slow = min(n, max(LOW, 4 * (mean.shape[1] + random.shape[1])))
     tail = residual[slow:]
     white = float(np.sqrt(np.median(residual[n // 2 :] ** 2) / CHI2_MEDIAN))
     fit = NoiseFit.known(white_noise(max(white, ARITHMETIC)))
     for _ in range(rounds):
         root = np.sqrt(fit.model.spectrum(n)[:slow])
-        Q = column_space(mean[:slow] / root[:, None])
+        Q = space_with_prior(mean[:slow] / root[:, None], random[:slow] / root[:, None])
         left = residual[:slow] / root
         left = (left - Q @ (Q.T @ left)) * root
         dof = np.clip(1 - (Q * Q).sum(axis=1), 0.0, 1.0)

@@ -88,7 +88,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     before = refit(prepared.start, whitened) if fitted.terms else fitted
     white = under_fixed_white(prepared.start, whitened)
     first, last = _fits(before, fitted, white, said.whitened, noise_source)
-    left = observations.residuals(fitted.effects)
+    left = whitened.less_settings(fitted.effects)
     groups, laws = fitted.findings(), laws_of(fitted, observations, left)
     found = findings_of(said, whitened, log_p)
     order = sorted(range(len(found)), key=lambda k: found[k].delta_bic or 0.0)
@@ -115,7 +115,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
         noise,
         amended_of(began, observations, faults, numbers),
         views_of(observations, *(_held_out(m, white) for m in (before, fitted))),
-        spectra_of(observations, observations.residuals(before.effects), left),
+        spectra_of(observations, whitened.less_settings(before.effects), left),
     )
     return answer, began
 

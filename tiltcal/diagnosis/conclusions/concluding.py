@@ -43,7 +43,9 @@ from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.parameter import by_name
+from tiltcal.effects.table.readout import SettingScatter
 from tiltcal.recordings.recording import Recording
+from tiltcal.setup.setup import Rig
 
 
 def findings_of(said: Explained, whitened: WhitenedModel, log_p: Sequence[float]) -> list[Finding]:
@@ -226,7 +228,9 @@ def amended_of(
     if reference is None and temperature is not None:
         reference = float(np.mean(temperature))
     meanings = [e for e in observations.scenario.effects if e.repair]
-    own: list[Effect] = [*fitted.known, *meanings, *fitted.calibration()]
+    scatters = [f.effect for f in faults if isinstance(f.effect, SettingScatter)]
+    known = [e for e in fitted.known if not _is_among(e, scatters, observations.scenario.rig)]
+    own: list[Effect] = [*known, *meanings, *fitted.calibration()]
     own += [f.effect for f in faults if f.effect not in own]
     marked: list[tuple[Effect, int | None]] = [
         (e, next((k for k, f in enumerate(faults, 1) if f.effect == e), None)) for e in own
@@ -238,6 +242,13 @@ def amended_of(
             effects = _beyond_seen(effects)
         marked += [(e, numbers[places[0]]) for e in effects]
     return amended_table(observations.scenario, marked, reference)
+
+
+def _is_among(effect: Effect, scatters: Sequence[SettingScatter], rig: Rig) -> bool:
+    """Whether an effect is the scatter of an axis whose scatter is among these."""
+    if not isinstance(effect, SettingScatter):
+        return False
+    return any(one.axis is not None and effect.acts_on(one.axis, rig) for one in scatters)
 
 
 def _beyond_seen(effects: list[Effect]) -> list[Effect]:

@@ -79,7 +79,7 @@ def fitness_of(fitted: FittedModel, white: WhitenedModel, own: Sequence[NoiseMod
         chi2,
         rms_of(observations, fitted.effects),
         heldout_misfit(fitted, white),
-        log_likelihood(observations, fitted.effects, own),
+        log_likelihood(fitted.effects, white.under(own)),
     )
 
 
@@ -94,19 +94,17 @@ def rms_of(observations: Observations, effects: Sequence[Effect]) -> dict[str, f
     return found
 
 
-def log_likelihood(
-    observations: Observations, effects: Sequence[Effect], noise: Sequence[NoiseModel]
-) -> float:
+def log_likelihood(effects: Sequence[Effect], whitened: WhitenedModel) -> float:
     """Whittle's log-likelihood of the readings under a noise of each channel, nats."""
-    total = 0.0
-    for channel, waves, model in zip(
-        observations.channels, observations.residual_waves(effects), noise, strict=True
-    ):
+    observations, total = whitened.observations, 0.0
+    every = observations.residual_waves(effects)
+    for channel, waves, model in zip(observations.channels, every, whitened.noise, strict=True):
         spectrum = model.spectrum(len(waves))
         total -= 0.5 * float((np.log(2 * np.pi * spectrum) + waves**2 / spectrum).sum())
         if channel.spread is not None:
             total -= float(np.log(channel.spread).sum())
-    return total
+    left = {i: w / root for i, (w, root) in enumerate(zip(every, whitened.roots, strict=True))}
+    return total + sum(one.log_ratio(left) for one in whitened.settings)
 
 
 @dataclass(frozen=True)
@@ -148,11 +146,7 @@ def likelihood_gains(
 
 def _likelihoods(fitted: FittedModel, whitened: WhitenedModel) -> tuple[float, float]:
     """Log-likelihood of all readings, and that of left-out blocks, nats."""
-    noise, observations = whitened.noise, whitened.observations
-    return (
-        log_likelihood(observations, fitted.effects, noise),
-        heldout_log_likelihood(fitted, whitened),
-    )
+    return log_likelihood(fitted.effects, whitened), heldout_log_likelihood(fitted, whitened)
 
 
 def _without(

@@ -214,6 +214,13 @@ class Observations(ABC):
         """
         return None
 
+    def settings(self, around: Sequence[Effect]) -> list[list[Columns]]:
+        """What one standard deviation of each rotation by which an axis stops at random, as the
+        scenario states it, does to the readings, SI: of each stop, those of each recording
+        together; none where it states none.
+        """
+        return []
+
     def columns(
         self, effect: Effect, names: Sequence[str], around: Sequence[Effect]
     ) -> dict[int, tuple[list[int], Array]]:

@@ -17,6 +17,7 @@ from tiltcal.diagnosis.data.block_grid import BlockGrid, SampleBlocks, Sampling,
 from tiltcal.diagnosis.data.curve_columns import CurveColumns
 from tiltcal.diagnosis.data.observations import Channel, Columns, CurveFactors, Observations
 from tiltcal.diagnosis.data.sensor_perturbation import sensor_matrix
+from tiltcal.diagnosis.data.stop_rotations import stated_settings
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import active_in
 from tiltcal.effects.learned import Learned
@@ -384,6 +385,10 @@ class TableObservations(Observations):
         if list(names) != [f"c{k}" for k in range(effect.count)]:
             return None
         return self._curves.factors(effect, self.watches(around))
+
+    def settings(self, around: Sequence[Effect]) -> list[list[Columns]]:
+        """See ``Observations``."""
+        return stated_settings(self, around)
 
     def watches(self, around: Sequence[Effect]) -> list[NominalMotion]:
         """What each recording's sensors sense at the nominal table, through the sensor matrix of

@@ -1,4 +1,4 @@
-"""Random setting of an axis: each stop has its own rotation."""
+"""Random setting of an axis: each stop has its own rotation, beyond what the scenario states."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,6 +7,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
+from tiltcal.diagnosis.data.stop_rotations import stated_scatter, stop_rotations
 from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix, columns_of
 from tiltcal.diagnosis.model.channel_noise import models, noise_under, noise_within_stops
@@ -16,7 +17,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.effects.table.readout import EncoderZero, SettingScatter
+from tiltcal.effects.table.readout import SettingScatter
 from tiltcal.statistics.noise_spectrum import NoiseFit
 
 MIN_STOPS = 8  # stops of an axis
@@ -88,7 +89,7 @@ class SettingError:
 def find_setting_error(
     fitted: FittedModel, start: FittedModel, whitened: WhitenedModel, total: int, share: float
 ) -> SettingError | None:
-    """Random setting of an axis: each stop has its own rotation.
+    """Random setting of an axis: each stop has its own rotation, beyond what the scenario states.
 
     Args:
         fitted: the model with its causes; start: without them.
@@ -119,16 +120,33 @@ def find_setting_error(
     sigma, error = rotations.spread()
     if not sigma > 0:
         return None
+    p_value = float(np.exp(chance)) * max(total, 1)
+    fault = _fault_of(observations, axis, sigma, error)
+    return SettingError(replace(fault, p_value=p_value), stops, rotations)
+
+
+def _fault_of(observations: Observations, axis: str, sigma: float, error: float) -> Fault:
+    """What is said of random settings of an axis.
+
+    Args:
+        observations: whose scenario may state some.
+        axis: which.
+        sigma: of the settings beyond what is stated, rad.
+        error: standard uncertainty of it, rad.
+    """
     names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
     axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
-    effect = SettingScatter({"sigma": sigma}, None, axis, "found")
-    words = (
-        f"The {axis} axis stops at random about its setting, {np.degrees(sigma) * 3600:.3g} arcsec"
-        " rms: each stop has its own rotation."
-    )
-    p_value = float(np.exp(chance)) * max(total, 1)
-    fault = Fault(effect, names, axes, words, sigma={"sigma": error}, p_value=p_value)
-    return SettingError(fault, stops, rotations)
+    stated = stated_scatter(observations, axis)
+    whole = float(np.hypot(sigma, stated))
+    effect = SettingScatter({"sigma": whole}, None, axis, "found")
+    words = f"The {axis} axis stops at random about its setting, {_arcsec(whole)} rms"
+    words += f", where the scenario states {_arcsec(stated)}" if stated else ""
+    words += ": each stop has its own rotation."
+    return Fault(effect, names, axes, words, sigma={"sigma": error * sigma / whole})
+
+
+def _arcsec(angle: float) -> str:
+    return f"{np.degrees(angle) * 3600:.3g} arcsec"
 
 
 def _least_probable(
@@ -229,24 +247,12 @@ def stops_by_axis(
 
 def _stops(observations: Observations, axis: str, fitted: FittedModel) -> list[Stop]:
     """The stops at which a rotation of one axis shows."""
-    zero = EncoderZero({f"{axis}_zero": 1e-4}, None, None, "found")
-    whole = observations.changes(zero, fitted.effects)
     found = []
-    for number, course in enumerate(observations.courses):
-        resting = np.flatnonzero(course.stop >= 0)
-        for stop in range(int(course.stop.max(initial=-1)) + 1):
-            weight = np.interp(
-                np.arange(len(course.stop)), resting, (course.stop[resting] == stop).astype(float)
-            )
-            part = {
-                i: column * weight[observations.channels[i].rows] / -1e-4
-                for i, column in whole.items()
-                if observations.channels[i].recording == number
-            }
-            if any(np.any(c) for c in part.values()):
-                here = course.stop == stop
-                angles = {name: float(np.mean(a[here])) for name, a in course.angles.items()}
-                found.append(Stop(part, angles))
+    for one in stop_rotations(observations, axis, fitted.effects):
+        course = observations.courses[one.recording]
+        here = course.stop == one.stop
+        angles = {name: float(np.mean(a[here])) for name, a in course.angles.items()}
+        found.append(Stop(one.columns, angles))
     return found
 
 

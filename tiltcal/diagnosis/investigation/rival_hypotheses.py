@@ -62,6 +62,10 @@ class Remembering(Observations):
             self._kept[key] = self.inner.changes(effect, around)
         return self._kept[key]
 
+    def settings(self, around: Sequence[Effect]) -> list[list[Columns]]:
+        """See ``Observations``."""
+        return self.inner.settings(around)
+
 
 class Joined(Observations):
     """Remembered observations and one more recording.
@@ -93,6 +97,15 @@ class Joined(Observations):
         return self.old.changes(effect, around) | {
             first + i: c for i, c in self.new.changes(effect, around).items()
         }
+
+    def settings(self, around: Sequence[Effect]) -> list[list[Columns]]:
+        """See ``Observations``."""
+        first = len(self.old.channels)
+        late = [
+            [{first + i: c for i, c in one.items()} for one in stops]
+            for stops in self.new.settings(around)
+        ]
+        return [*self.old.settings(around), *late]
 
 
 CURVE = 1e-6  # SI, of a curve's coefficients: any size will do

@@ -62,9 +62,8 @@ def transients(fitted: FittedModel, whitened: WhitenedModel) -> list[Hypothesis]
     if not observations.courses or len(observations.recordings) > 1:
         return []
     found = []
-    for channel, residual, root in zip(
-        observations.channels, fitted.residual, whitened.roots, strict=True
-    ):
+    noise = whitened.noise_of(fitted.residual)
+    for channel, residual, root in zip(observations.channels, noise, whitened.roots, strict=True):
         courses = [] if channel.derived else _courses(channel.time)
         for course, power in zip(
             courses, _powers(residual, root, channel.time, courses), strict=True

@@ -33,7 +33,7 @@ def noise_under(
     law: type[NoiseModel] = WhiteFlickerWalk,
 ) -> list[NoiseFit]:
     """The noise of each channel when all fitted columns (and ``extra`` cosine coefficients) may
-    hold any size in it. extra: by channel, (m, n).
+    hold any size in it, and stated random settings as much as is stated. extra: by channel, (m, n).
     """
     observations = columns.observations
     effects = fitted.effects
@@ -56,7 +56,9 @@ def noise_under(
         )
         if extra is not None and i in extra:
             mean = np.column_stack([mean, extra[i]])
-        found.append(observations.as_unsteady(i, r, mean, estimate_noise(left, mean, law)))
+        random = [part for one in columns.settings for part in one.of(i)]
+        fit = estimate_noise(left, mean, law, random=np.column_stack([*random, mean[:, :0]]))
+        found.append(observations.as_unsteady(i, r, mean, fit))
     return found
 
 
@@ -125,7 +127,7 @@ def shift_bias_to_start(
     first = [
         (channel, r, fit)
         for channel, r, fit in zip(
-            observations.channels, observations.residuals(fitted.effects), fits, strict=True
+            observations.channels, whitened.less_settings(fitted.effects), fits, strict=True
         )
         if channel.recording == 0 and not channel.derived
     ]

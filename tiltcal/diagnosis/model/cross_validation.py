@@ -21,8 +21,7 @@ def heldout_log_likelihood(fitted: FittedModel, whitened: WhitenedModel) -> floa
     The noise is that of the whole recording, and what is expected of a size is what all blocks say
     of it: only the sizes are fitted without a block.
     """
-    noise = sum(float(np.log(root).sum()) for root in whitened.roots)
-    return -0.5 * _left_out(fitted, whitened) - noise
+    return -0.5 * _left_out(fitted, whitened) - whitened.log_volume
 
 
 def heldout_misfit(fitted: FittedModel, whitened: WhitenedModel) -> float:

@@ -146,20 +146,20 @@ def whitened_of(
     """Change of the readings per plausible size of each fitted value, as whitened cosine
     coefficients.
     """
-    return [
-        whitened.weighed(waves)
-        for t in terms
-        for waves in whitened.columns.all_waves(t.hypothesis, t.names, effects)
-    ]
+    return whitened.weighed_together(
+        [
+            waves
+            for t in terms
+            for waves in whitened.columns.all_waves(t.hypothesis, t.names, effects)
+        ]
+    )
 
 
 def stored_of(whitened: WhitenedModel, terms: Sequence[FittedTerm]) -> list[Columns]:
     """As ``whitened_of``, about the model that the hypotheses stand for: what a trial needs."""
-    return [
-        whitened.weighed(whitened.columns.stored(t.hypothesis, name))
-        for t in terms
-        for name in t.names
-    ]
+    return whitened.weighed_together(
+        [whitened.columns.stored(t.hypothesis, name) for t in terms for name in t.names]
+    )
 
 
 def vectors_of(

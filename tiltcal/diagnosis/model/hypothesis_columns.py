@@ -9,6 +9,7 @@ from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.families import completes, form_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.column_store import Block, ColumnStore, Parts, TriedShapes
+from tiltcal.diagnosis.model.setting_covariance import SettingWaves
 from tiltcal.effects.base import Effect
 from tiltcal.statistics.cosine_transform import cosines
 
@@ -35,6 +36,7 @@ class HypothesisColumns:
         self._first = 0
         self._of_tried: dict[object, tuple[int, list[int]]] = {}
         self._store = ColumnStore()
+        self._settings: tuple[tuple[Effect, ...], tuple[SettingWaves, ...]] | None = None
         self._kept: dict[tuple[tuple[str, str | None, str | None], str], tuple[bytes, Columns]] = {}
 
     @property
@@ -45,6 +47,23 @@ class HypothesisColumns:
         """
         everything = self.observations.depends_on(self._around) is None
         return () if everything else self._around
+
+    @property
+    def settings(self) -> tuple[SettingWaves, ...]:
+        """The random settings that the scenario states, of each recording that has any."""
+        if self._settings is None or self._settings[0] != self._around:
+            channels, found = self.observations.channels, []
+            for stops in self.observations.settings(self._around or self.observations.known):
+                numbers = tuple(sorted({i for one in stops for i in one}))
+                waves = tuple(
+                    channels[i]
+                    .waves(np.array([one.get(i, 0 * channels[i].values) for one in stops]))
+                    .T
+                    for i in numbers
+                )
+                found += [SettingWaves(numbers, waves)] if numbers else []
+            self._settings = self._around, tuple(found)
+        return self._settings[1]
 
     def add(self, hypothesis: Hypothesis, around: Sequence[Effect]) -> None:
         """Add the columns of a hypothesis; one that changes nothing is left out."""
@@ -67,6 +86,7 @@ class HypothesisColumns:
         other._places = {place: list(numbers) for place, numbers in self._places.items()}
         other._numbers, other._families = dict(self._numbers), dict(self._families)
         other._around, other._kept, other._shapes = self._around, self._kept, self._shapes
+        other._settings = self._settings
         other._first, other._of_tried = self._first or len(self.hypotheses), self._of_tried
         for hypothesis in hypotheses:
             other._put(hypothesis, self._of_shape(hypothesis))

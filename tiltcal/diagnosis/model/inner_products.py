@@ -64,6 +64,14 @@ class InnerProducts:
         """
         self._values[self._row[numbers][:, :, None] + self._place[numbers][:, None, :]] += products
 
+    def less(self, along: Array) -> None:
+        """Take off those of what all columns have along some directions, (columns, k)."""
+        first = np.cumsum(self._counts) - self._counts
+        for m in np.unique(self._counts):
+            numbers = first[self._counts == m][:, None] + np.arange(m)
+            part = along[numbers]
+            self.add(numbers, -(part @ part.transpose(0, 2, 1)))
+
     def of(self, which: Index) -> Array:
         """Of hypotheses with m columns each, (g, m, m). which: their numbers, (g,)."""
         m = int(self._counts[which[0]])

@@ -64,9 +64,10 @@ def normal_equations(
         whitened: holds the columns.
     """
     along = np.zeros((len(whitened.columns.places(members)), 1 + basis[0].shape[1]))
+    left, inside = whitened.independent_all(target), whitened.independent_all(basis)
     for i, (mine, part) in _parts(members, whitened).items():
-        along[mine, 0] += part @ target[i]
-        along[mine, 1:] += part @ basis[i]
+        along[mine, 0] += part @ left[i]
+        along[mine, 1:] += part @ inside[i]
     return projected_equations(members, gram_of(members, whitened), along, whitened)
 
 
@@ -117,7 +118,7 @@ def left_by_equations(
     """
     values = equations.solve(range(len(equations.target)))
     parts = _parts(list(dict.fromkeys(equations.owner)), whitened)
-    signal = {i: values[mine] @ part for i, (mine, part) in parts.items()}
+    signal = whitened.independent({i: values[mine] @ part for i, (mine, part) in parts.items()})
     along = np.sum([basis[i].T @ part for i, part in signal.items()], axis=0)
     return {i: target[i] - part + basis[i] @ along for i, part in signal.items()}
 
@@ -138,9 +139,15 @@ def _beside(
 def gram_of(members: Sequence[int], whitened: WhitenedModel) -> Array:
     """Inner products of all columns of some hypotheses with each other, (p, p)."""
     count = len(whitened.columns.places(members))
-    gram = np.zeros((count, count))
-    for mine, part in _parts(members, whitened).values():
+    gram, parts = np.zeros((count, count)), _parts(members, whitened)
+    for mine, part in parts.values():
         gram[np.ix_(mine, mine)] += part @ part.T
+    for one in whitened.settings:
+        along = np.zeros((count, one.errors.columns.shape[1]))
+        for i, lost in one.lost.items():
+            if i in parts:
+                along[parts[i][0]] += parts[i][1] @ lost
+        gram -= along @ along.T
     return gram
 
 
@@ -174,7 +181,9 @@ def _projected(
 
 
 def _parts(members: Sequence[int], whitened: WhitenedModel) -> dict[int, tuple[list[int], Array]]:
-    """By channel: which columns of some hypotheses change it, and these whitened, (k, n)."""
+    """By channel: which columns of some hypotheses change it, and these in units of the noise,
+    (k, n).
+    """
     by_channel: dict[int, tuple[list[int], list[Waves]]] = {}
     before = 0
     for member in members:

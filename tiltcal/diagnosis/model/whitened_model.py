@@ -13,7 +13,9 @@ from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.inner_products import InnerProducts
 from tiltcal.diagnosis.model.score_test import ScoreTest
+from tiltcal.diagnosis.model.setting_covariance import SettingCovariance
 from tiltcal.effects.base import Effect
+from tiltcal.statistics.cosine_transform import inverse_cosines
 from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, WhiteFlickerWalk
 
 
@@ -29,6 +31,7 @@ class WhitenedModel:
         fits: of the noise of each channel, where it was estimated.
         curved: numbers of the channels to whose reading a nameless curve adds: what is left of
             its law is in their noise.
+        settings: the random settings that the scenario states, of each recording with any.
         floors: size, SI, of what coarse codes do to a sensor's misfit, by sensor.
     """
 
@@ -36,6 +39,7 @@ class WhitenedModel:
     noise: tuple[NoiseModel, ...]
     roots: tuple[Array, ...]
     law: type[NoiseModel] = WhiteFlickerWalk
+    settings: tuple[SettingCovariance, ...] = ()
     fits: tuple[NoiseFit, ...] = ()
     curved: frozenset[int] = frozenset()
     floors: Mapping[str, float] = field(default_factory=dict)
@@ -51,7 +55,8 @@ class WhitenedModel:
         channels = columns.observations.channels
         pairs = zip(noise, channels, strict=True)
         roots = tuple(np.sqrt(m.spectrum(len(c.values))) for m, c in pairs)
-        return cls(columns, tuple(noise), roots, law)
+        settings = tuple(one.under(roots) for one in columns.settings)
+        return cls(columns, tuple(noise), roots, law, settings)
 
     @property
     def observations(self) -> Observations:
@@ -89,13 +94,62 @@ class WhitenedModel:
         return self.weighed({i: channels[i].waves(column) for i, column in columns.items()})
 
     def weighed(self, waves: Columns) -> Columns:
-        """Cosine coefficients by channel in units of the noise."""
-        return {i: wave / self.roots[i] for i, wave in waves.items()}
+        """Cosine coefficients by channel in units of the noise. (n,) or (n, q) each."""
+        return self.independent({i: (wave.T / self.roots[i]).T for i, wave in waves.items()})
+
+    def weighed_together(self, waves: Sequence[Columns]) -> list[Columns]:
+        """The same of many columns."""
+        if not self.settings:
+            return [self.weighed(column) for column in waves]
+        dense = [np.zeros((len(root), len(waves)), order="F") for root in self.roots]
+        for k, column in enumerate(waves):
+            for i, part in column.items():
+                dense[i][:, k] = part
+        whole = self.weighed({i: d for i, d in enumerate(dense) if d.any()})
+        found = [Columns() for _ in waves]
+        for i, part in whole.items():
+            for k in np.flatnonzero(part.any(axis=0)).tolist():
+                found[k][i] = part[:, k]
+        return found
+
+    def independent(self, vectors: Columns) -> Columns:
+        """What is in units of the noise, in those of noise and random settings."""
+        for one in self.settings:
+            vectors = one.independent(vectors)
+        return vectors
+
+    def independent_all(self, vectors: Sequence[Array]) -> list[Array]:
+        """The same of vectors that every channel has, in order. (n,) or (n, q) each."""
+        return list(self.independent(dict(enumerate(vectors))).values())
+
+    @property
+    def log_volume(self) -> float:
+        """Half the logarithm of the determinant of the covariance of all readings, nats."""
+        noise = sum(float(np.log(root).sum()) for root in self.roots)
+        return noise + sum(one.errors.log_det for one in self.settings) / 2
+
+    def noise_of(self, residual: Sequence[Array]) -> list[Array]:
+        """A whitened residual less what is expected of the random settings in it, in units of the
+        noise, by channel, (n,) each.
+        """
+        return self.independent_all(residual)
+
+    def less_settings(self, effects: Sequence[Effect]) -> list[Array]:
+        """What a model leaves less what is expected of the random settings in it, SI, by channel,
+        (n,) each.
+        """
+        left = self.observations.residuals(effects)
+        if not self.settings:
+            return left
+        noise = zip(self.noise_of(self.residual(effects)), self.roots, strict=True)
+        weighed = [inverse_cosines(part * root) for part, root in noise]
+        channels = zip(self.observations.channels, weighed, strict=True)
+        return [r if c.spread is None else r * c.spread for c, r in channels]
 
     def residual(self, effects: Sequence[Effect]) -> list[Array]:
         """Whitened residual of each channel. (n,) each."""
         waves = self.observations.residual_waves(effects)
-        return [wave / root for wave, root in zip(waves, self.roots, strict=True)]
+        return list(self.weighed(dict(enumerate(waves))).values())
 
     def scores(
         self,
@@ -128,6 +182,10 @@ class WhitenedModel:
 
     def along(self, vectors: Sequence[Array], blocks: Sequence[Block]) -> Array:
         """U'V of the columns of some blocks with whitened vectors by channel, (n, q): (P, q)."""
+        return self._along(self.independent_all(vectors), blocks)
+
+    def _along(self, vectors: Sequence[Array], blocks: Sequence[Block]) -> Array:
+        """The same of vectors that are only in units of the noise."""
         total = np.zeros((self.columns.width, vectors[0].shape[1]))
         # most columns of a basis are of one channel
         there = [np.flatnonzero(v.any(axis=0)) for v in vectors]
@@ -147,4 +205,11 @@ class WhitenedModel:
         for block in blocks:
             for numbers, gram in block.grams(weights[block.channel]):
                 found.add(numbers, gram)
+        for one in self.settings:
+            rank = one.errors.columns.shape[1]
+            every = [
+                one.lost[i] if i in one.lost else np.zeros((len(root), rank))
+                for i, root in enumerate(self.roots)
+            ]
+            found.less(self._along(every, blocks))
         return found

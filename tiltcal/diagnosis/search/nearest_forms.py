@@ -132,6 +132,7 @@ def _sums(
         return None
     width = (high - low) / BINS
     along, energy = np.zeros((BINS, len(curves))), np.zeros((BINS, len(curves)))
+    noise = whitened.noise_of(fitted.residual)
     for k, curve in enumerate(curves):
         constant = formed(curve, (0.0, 1.0))
         parts = [whitened.columns.stored(constant, name) for name in constant.names]
@@ -139,7 +140,7 @@ def _sums(
             root = whitened.roots[i]
             whole = np.sum([part[i] for part in parts if i in part], axis=0)
             change = np.asarray(idct(whole, norm="ortho"))
-            left = idct(fitted.residual[i] / root, norm="ortho")
+            left = idct(noise[i] / root, norm="ortho")
             place = ((np.nan_to_num(followed[i], nan=low) - low) / width).astype(int)
             place = np.clip(place, 0, BINS - 1)
             change = np.where(np.isnan(followed[i]), 0.0, change)

@@ -63,9 +63,8 @@ class State:
             above_codes(self.terms(k), self.fitted, self.whitened) for k in every
         ):
             return np.inf
-        noise = sum(float(np.log(root).sum()) for root in self.whitened.roots)
         fit = self.fitted.deviance + self.fitted.penalty + log_det_information(self.fitted)
-        return fit / 2 + noise + noise_price(self.whitened) + sum(self.prices)
+        return fit / 2 + self.whitened.log_volume + noise_price(self.whitened) + sum(self.prices)
 
     def terms(self, k: int) -> tuple[FittedTerm, ...]:
         """The terms of the k-th cause."""

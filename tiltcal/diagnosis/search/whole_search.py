@@ -36,7 +36,6 @@ from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.slow_laws import slow_laws
 from tiltcal.diagnosis.search.state import laws
 from tiltcal.effects.spans import SpectralLines
-from tiltcal.effects.table.readout import SettingScatter
 from tiltcal.statistics.noise_spectrum import NoiseFit
 
 
@@ -65,7 +64,7 @@ def search_for_causes(
         state = iterate_to_convergence(state.over(whitened.columns), noise_source)
     compared()
     random = False
-    if not (whitened.floors or _knows_settings(start)):
+    if not whitened.floors:
         state, random = beside_random_settings(state, noise_source)
     state, chances, doubts = select_claims(state, noise_source)
     scan = Scan(state.whitened)
@@ -91,7 +90,7 @@ def search_for_causes(
         tuple(chances[k] for k in held),
         slow_variations(left, DOUBTED),
         *(((), (), ()) if held or doubts else _in_the_noise(left, fitted)),
-        () if held or random_faults or _knows_settings(start) else _motions(left, fitted),
+        () if held or random_faults else _motions(left, fitted),
         doubts,
         slow_laws(state, noise_source, doubts),
     )
@@ -124,8 +123,6 @@ def _by_chance(
     Unlisted curves with as many parameters as there are stops are no law: they are left out of this
     test.
     """
-    if _knows_settings(start):
-        return fitted, []
     lawful = lawful_part(fitted, whitened)
     setting = find_setting_error(
         lawful, start, whitened, noise_source.total, largest_misfit(lawful)
@@ -133,8 +130,3 @@ def _by_chance(
     if setting is None or is_systematic_error(setting):
         return fitted, []
     return beside_stops(lawful, setting.stops, whitened, noise_source.total), [setting.fault]
-
-
-def _knows_settings(start: FittedModel) -> bool:
-    """Whether the scenario says that an axis stops at random."""
-    return any(isinstance(e, SettingScatter) for e in start.known)

@@ -1,0 +1,77 @@
+"""Rotations of an axis at its stops: what each does to the readings."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tiltcal.diagnosis.data.observations import Columns, Observations
+from tiltcal.effects.base import Effect
+from tiltcal.effects.table.readout import EncoderZero, SettingScatter, zero_of
+
+
+class StopRotation(NamedTuple):
+    """A rotation of one axis at one stop.
+
+    Args:
+        recording: number of the recording.
+        stop: number of the stop.
+        columns: change of the readings per radian, interpolated between stops, SI, by channel.
+    """
+
+    recording: int
+    stop: int
+    columns: Columns
+
+
+def stated_settings(observations: Observations, around: Sequence[Effect]) -> list[list[Columns]]:
+    """See ``Observations.settings``."""
+    axes = observations.scenario.rig.kind.turning
+    stated = {axis: sigma for axis in axes if (sigma := stated_scatter(observations, axis))}
+    found: list[list[Columns]] = [[] for _ in observations.recordings if stated]
+    for axis, sigma in stated.items():
+        for one in stop_rotations(observations, axis, around):
+            part = {i: sigma * column for i, column in one.columns.items()}
+            found[one.recording].append(part)
+    return found
+
+
+def stated_scatter(observations: Observations, axis: str) -> float:
+    """Standard deviation, rad, about its setting with which the scenario states that an axis
+    stops.
+    """
+    rig = observations.scenario.rig
+    scatters = (e for e in observations.known if isinstance(e, SettingScatter))
+    return float(np.hypot.reduce([e.value("sigma") for e in scatters if e.acts_on(axis, rig)]))
+
+
+SMALL = 1e-4  # rad: the rotation by which its linear effect is probed
+
+
+def stop_rotations(
+    observations: Observations, axis: str, around: Sequence[Effect]
+) -> Iterator[StopRotation]:
+    """The rotation of an axis at each stop at which it shows. A stop in which the instrument was
+    mounted anew is two: someone worked at the table.
+
+    Args:
+        observations: with the courses of a table.
+        axis: that turns.
+        around: effects that act as well.
+    """
+    zero = EncoderZero({zero_of(axis): -SMALL}, None, None, "found")
+    whole = observations.changes(zero, around)
+    for number, course in enumerate(observations.courses):
+        resting = np.flatnonzero(course.stop >= 0)
+        mounting = np.searchsorted([start for start, _ in course.mounts], course.time, "right")
+        visits = np.column_stack([course.stop, mounting])[resting]
+        for visit in np.unique(visits, axis=0):
+            there = (visits == visit).all(axis=1).astype(float)
+            weight = np.interp(np.arange(len(course.stop)), resting, there)
+            part = {
+                i: column * weight[observations.channels[i].rows] / SMALL
+                for i, column in whole.items()
+                if observations.channels[i].recording == number
+            }
+            if any(np.any(c) for c in part.values()):
+                yield StopRotation(number, int(visit[0]), part)

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from tiltcal.diagnosis.model import column_store
-from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix, columns_of
+from tiltcal.diagnosis.model.block_matrix import (
+    BlockDesignMatrix,
+    basis_of,
+    columns_of,
+    project,
+    projected,
+)
 from tiltcal.diagnosis.model.column_store import TriedShapes
-from tiltcal.diagnosis.model.cosine_basis import basis_of, project, projected
 from tiltcal.diagnosis.model.normal_equations import explained_beside, left_beside
 
 LENGTHS = (60, 45)

@@ -11,7 +11,7 @@ from tiltcal.diagnosis.conclusions.finding import Diagnosis
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
-from tiltcal.diagnosis.search.possible_sizes import possible
+from tiltcal.diagnosis.search.explanation import possible
 from tiltcal.effects import CATALOGUE
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}

@@ -28,13 +28,13 @@ from tiltcal.diagnosis.search.explained import (
 from tiltcal.diagnosis.search.explanation import explain
 from tiltcal.diagnosis.search.model_search import _exchanged, most_probable
 from tiltcal.diagnosis.search.names import named
-from tiltcal.diagnosis.search.proposals import proposals
 from tiltcal.diagnosis.search.scan import ColumnProducts, Scan
 from tiltcal.diagnosis.search.state import (
     Cause,
     Proposal,
     State,
     laws,
+    proposals,
     repriced,
     with_new,
     without,

@@ -34,8 +34,7 @@ from tiltcal.diagnosis.search.candidates import (
 )
 from tiltcal.diagnosis.search.column_selection import ColumnSelection, NumberEvidence
 from tiltcal.diagnosis.search.dictionary import build_dictionary
-from tiltcal.diagnosis.search.explanation import explain, explanation_of
-from tiltcal.diagnosis.search.local_level import level_beside, local_level
+from tiltcal.diagnosis.search.explanation import explain, explanation_of, level_beside, local_level
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import State
 from tiltcal.effects import CATALOGUE

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from statistics_helpers import rng_of
 
-from tiltcal.diagnosis.data_faults.held_readout import update_interval
+from tiltcal.diagnosis.data_faults.readout_faults import update_interval
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.effects import make_effect
 from tiltcal.effects.timing.readout_timing import ReadoutRate

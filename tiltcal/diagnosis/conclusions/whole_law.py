@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
-from tiltcal.diagnosis.model.cosine_basis import projected
+from tiltcal.diagnosis.model.block_matrix import projected
 from tiltcal.diagnosis.model.finding_tests import RemovedFinding
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel

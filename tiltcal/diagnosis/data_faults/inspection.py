@@ -11,8 +11,7 @@ from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.data_quality.check import Finding
 from tiltcal.data_quality.stamps import faults_of_order
 from tiltcal.diagnosis.data_faults.fault import Fault
-from tiltcal.diagnosis.data_faults.held_readout import held_readout
-from tiltcal.diagnosis.data_faults.truncated_angles import truncated_angles
+from tiltcal.diagnosis.data_faults.readout_faults import held_readout, truncated_angles
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.faults import DataDuplicate, DataStuck
 from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit, GyrQuantisation

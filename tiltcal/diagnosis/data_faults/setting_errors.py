@@ -9,9 +9,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.data.stop_rotations import stated_scatter, stop_rotations
 from tiltcal.diagnosis.data_faults.fault import Fault
-from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix, columns_of
+from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix, columns_of, project
 from tiltcal.diagnosis.model.channel_noise import models, noise_under, noise_within_stops
-from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values, log_tail
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import refit

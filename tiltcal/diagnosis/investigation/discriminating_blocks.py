@@ -25,7 +25,7 @@ from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.design.recording_blocks import Block
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.investigation.rival_hypotheses import Question
-from tiltcal.diagnosis.model.cosine_basis import basis_of, project
+from tiltcal.diagnosis.model.block_matrix import basis_of, project
 from tiltcal.diagnosis.model.fitted_model import whitened_of
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel

@@ -15,7 +15,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.lines.spectral_peaks import limited, noise_about
+from tiltcal.diagnosis.lines.spectral_lines import limited, noise_about
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.curve_bases import transients_at

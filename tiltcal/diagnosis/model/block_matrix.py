@@ -1,5 +1,5 @@
-"""Columns of a least-squares design by the channels that they change: a term of calibration changes
-one of them, most of a dense matrix would be zeros.
+"""Columns of a least-squares design by the channels that they change, and their projection: a term
+of calibration changes one channel, most of a dense matrix would be zeros.
 """
 
 from collections.abc import Sequence
@@ -124,3 +124,25 @@ def columns_of(basis: Sequence[Array]) -> list[Columns]:
 def _without(block: Array, Q: Array) -> Array:
     """Columns without their part in an orthonormal basis, (n, p)."""
     return block - Q @ (Q.T @ block) if block.size and Q.size else block
+
+
+def basis_of(columns: Sequence[Columns], lengths: Sequence[int]) -> list[Array]:
+    """An orthonormal basis of some whitened columns, split by channel, (n, q) each."""
+    return BlockDesignMatrix(columns, lengths).basis()
+
+
+def project(basis: Sequence[Array], vectors: Sequence[Array]) -> list[Array]:
+    """What is left of a vector, by channel, without its part in the basis. basis: by channel, (n,
+    p); vectors: (n,) each.
+    """
+    along = sum(Q.T @ v for Q, v in zip(basis, vectors, strict=True))
+    return [v - Q @ along for Q, v in zip(basis, vectors, strict=True)]
+
+
+def projected(basis: Sequence[Array], column: Columns, lengths: Sequence[int]) -> Columns:
+    """What is left of one whitened column without its part in the basis, in every channel. basis:
+    by channel, (n, p).
+    """
+    return dict(
+        enumerate(project(basis, [column.get(i, np.zeros(n)) for i, n in enumerate(lengths)]))
+    )

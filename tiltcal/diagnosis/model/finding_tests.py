@@ -12,8 +12,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.hypotheses.instants import recording_of
+from tiltcal.diagnosis.model.block_matrix import basis_of, project, projected
 from tiltcal.diagnosis.model.channel_noise import models, noise_under
-from tiltcal.diagnosis.model.cosine_basis import basis_of, project, projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
 from tiltcal.diagnosis.model.noise_prior import with_probable_noise
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel

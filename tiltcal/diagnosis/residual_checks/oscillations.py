@@ -29,7 +29,7 @@ from scipy.special import expit, logsumexp
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.hypotheses.priors import NAMELESS
-from tiltcal.diagnosis.lines.spectral_peaks import limited, noise_about
+from tiltcal.diagnosis.lines.spectral_lines import limited, noise_about
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_coordinates import coordinate_of

@@ -24,7 +24,7 @@ from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
 from tiltcal.diagnosis.hypotheses.curves import tilt_law
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.hypotheses.priors import NAMELESS, UNLISTED, UNLISTED_SHARE, log_priors
-from tiltcal.diagnosis.lines.spectral_peaks import limited
+from tiltcal.diagnosis.lines.spectral_lines import limited
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.residual_checks.oscillations import searched
 from tiltcal.effects.base import Effect

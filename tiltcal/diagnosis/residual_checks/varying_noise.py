@@ -23,7 +23,7 @@ from scipy.special import expit, log_ndtr, logsumexp
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.hypotheses.priors import NAMELESS
-from tiltcal.diagnosis.lines.spectral_peaks import evenly, limited, running_median
+from tiltcal.diagnosis.lines.spectral_lines import evenly, limited, running_median
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.residual_checks.oscillations import log_excess_of_sums, searched
 from tiltcal.effects.base import Effect

@@ -21,9 +21,8 @@ from tiltcal.diagnosis.hypotheses.instants import recording_of
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
 from tiltcal.diagnosis.model.normal_equations import explained_beside
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.explanation import explain
+from tiltcal.diagnosis.search.explanation import explain, possible
 from tiltcal.diagnosis.search.nearest_forms import nearest_forms
-from tiltcal.diagnosis.search.possible_sizes import possible
 from tiltcal.diagnosis.search.state import Proposal
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.spans import SpectralLines

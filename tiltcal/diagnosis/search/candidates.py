@@ -20,12 +20,24 @@ from tiltcal.diagnosis.search.curve_misfit import (
     misfit_odds,
     of_other_kind,
 )
-from tiltcal.diagnosis.search.explanation import Explanation, explain, explained_by, explanation_of
-from tiltcal.diagnosis.search.local_level import local_level
-from tiltcal.diagnosis.search.possible_sizes import possible
-from tiltcal.diagnosis.search.proposals import looked_at
+from tiltcal.diagnosis.search.explanation import (
+    Explanation,
+    explain,
+    explained_by,
+    explanation_of,
+    local_level,
+    possible,
+)
 from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.state import Proposal, State, laws, refitted, with_cause, without
+from tiltcal.diagnosis.search.state import (
+    Proposal,
+    State,
+    laws,
+    looked_at,
+    refitted,
+    with_cause,
+    without,
+)
 
 LEAST = 1e-4  # probability of a name that is shown
 

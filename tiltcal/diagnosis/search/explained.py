@@ -17,7 +17,7 @@ from tiltcal.diagnosis.residual_checks.random_motion import RandomMotion
 from tiltcal.diagnosis.residual_checks.slow_variation import SlowVariation
 from tiltcal.diagnosis.residual_checks.varying_noise import VaryingNoise
 from tiltcal.diagnosis.search.candidates import Names
-from tiltcal.diagnosis.search.possible_sizes import possible
+from tiltcal.diagnosis.search.explanation import possible
 from tiltcal.diagnosis.search.slow_laws import SlowLaw
 from tiltcal.diagnosis.search.state import Doubt, State, laws, refitted, repriced, without
 

@@ -5,7 +5,7 @@ acts at the same place and follows the same coordinate) whose prior energy is a 
 own (Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001: a discrepancy with a prior).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,17 +14,97 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.cosine_basis import projected
+from tiltcal.diagnosis.model.block_matrix import projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
-from tiltcal.diagnosis.model.normal_equations import NormalEquations, normal_equations
+from tiltcal.diagnosis.model.normal_equations import (
+    NormalEquations,
+    left_beside,
+    left_by_equations,
+    normal_equations,
+)
 from tiltcal.diagnosis.model.score_test import (
     ANY_SHARE,
     DEVIATIONS,
 )
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.column_selection import ColumnSelection, NumberEvidence
-from tiltcal.diagnosis.search.local_level import level_beside, local_level
-from tiltcal.diagnosis.search.possible_sizes import possible
+from tiltcal.effects.parameter import Parameter, by_name
+
+OCTAVE = 2.0  # from the lowest frequency of a neighbourhood to the highest
+MIN_COEFFICIENTS = 16  # coefficients to either side
+
+
+def local_level(
+    law: Hypothesis,
+    family: Sequence[Hypothesis],
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+) -> float:
+    """Mean power of what a line leaves in its neighbourhood, in units of the noise, at least one;
+    one for a law that is no line in time. A line among many others, or in a band where all is above
+    the noise, is no line (Thomson, Proc. IEEE 70, 1982: the variance of a line test is that of its
+    neighbourhood).
+
+    Args:
+        law: the line; family: what completes it: of a tone that wanders the lines beside it.
+        fitted: the model without them; whitened: the noise.
+    """
+    if not law.line_hz:
+        return 1.0
+    own = stored_of(whitened, [FittedTerm.start(h) for h in (law, *family)])
+    return _level(law, left_beside(own, fitted.basis, fitted.residual), whitened)
+
+
+def level_beside(
+    law: Hypothesis, equations: NormalEquations, fitted: FittedModel, whitened: WhitenedModel
+) -> float:
+    """As ``local_level``, from the normal equations of a law with what completes it."""
+    if not law.line_hz:
+        return 1.0
+    return _level(
+        law, left_by_equations(equations, fitted.basis, fitted.residual, whitened), whitened
+    )
+
+
+def _level(law: Hypothesis, left: Columns, whitened: WhitenedModel) -> float:
+    channels = whitened.observations.channels
+    found = [
+        part[_near(law.line_hz, float(np.ptp(channels[i].time)), len(part))]
+        for i, part in left.items()
+    ]
+    powers = np.concatenate([*found, np.zeros(0)]) ** 2
+    return max(float(powers.mean()), 1.0) if len(powers) else 1.0
+
+
+def _near(frequency: float, duration: float, n: int) -> slice:
+    """Cosine coefficients within an octave about a frequency."""
+    middle = 2 * duration * frequency
+    low = min(middle / np.sqrt(OCTAVE), middle - MIN_COEFFICIENTS)
+    high = max(middle * np.sqrt(OCTAVE), middle + MIN_COEFFICIENTS)
+    return slice(max(int(low), 1), min(int(high) + 1, n))
+
+
+HALF = 0.5  # of what comes in ones: less is none
+
+
+def possible(term: FittedTerm) -> bool:
+    """Whether a file may give an effect these sizes: no negative width, of what comes in ones no
+    small part of one.
+    """
+    return not any(
+        (p.positive and value < 0) or (p.whole and abs(value) < HALF) for p, value in _sizes(term)
+    )
+
+
+def _sizes(term: FittedTerm) -> Iterator[tuple[Parameter, float]]:
+    """The sizes in use, SI, with what the catalogue says of each; a curve's coefficients are not in
+    it.
+    """
+    known = by_name(term.hypothesis.effect.parameters)
+    for name, value in zip(term.names, term.values, strict=True):
+        if name in known:
+            yield known[name], value
+
 
 OWN_NAME = 10.0  # times the energy that a deviation of another form has
 

@@ -24,12 +24,12 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.best_shape import best_shape, refined
-from tiltcal.diagnosis.search.proposals import proposals
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import (
     Proposal,
     State,
     laws,
+    proposals,
     refitted,
     repriced,
     with_new,

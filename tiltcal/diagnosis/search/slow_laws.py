@@ -11,10 +11,17 @@ from scipy.special import logsumexp
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
 from tiltcal.diagnosis.model.refitting import refit
-from tiltcal.diagnosis.search.possible_sizes import possible
-from tiltcal.diagnosis.search.proposals import looked_at
+from tiltcal.diagnosis.search.explanation import possible
 from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.state import Doubt, Proposal, State, refitted, repriced, with_new
+from tiltcal.diagnosis.search.state import (
+    Doubt,
+    Proposal,
+    State,
+    looked_at,
+    refitted,
+    repriced,
+    with_new,
+)
 from tiltcal.statistics.noise_spectrum import white_noise
 
 HIDES = 10.0  # nats that slow noise takes in a channel: white noise alone is out (20 000 to 1)

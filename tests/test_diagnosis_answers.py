@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded, rewritten
 
-from tiltcal.diagnosis.conclusions.answering import answered, simulated
+from tiltcal.diagnosis.conclusions.answering import Resimulation, answered, simulated
 from tiltcal.diagnosis.conclusions.finding import in_words, verdict_of
-from tiltcal.diagnosis.conclusions.law_plots import laws_of
 from tiltcal.diagnosis.conclusions.other_findings import finding_of
-from tiltcal.diagnosis.conclusions.resimulation import Resimulation
+from tiltcal.diagnosis.conclusions.residual_plots import laws_of
 from tiltcal.diagnosis.conclusions.whole_law import _as_left
 from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.data_faults.prepare import prepare

@@ -20,8 +20,7 @@ from tiltcal.cli import main
 from tiltcal.design.identifiability import reference_scenario
 from tiltcal.design.recording_blocks import CIRCLE, TableLimits, candidates
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
-from tiltcal.diagnosis.conclusions.law_plots import angles_of
-from tiltcal.diagnosis.conclusions.residual_plots import Spectrum
+from tiltcal.diagnosis.conclusions.residual_plots import Spectrum, angles_of
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.investigation.discriminating_blocks import BlockProposal, Pair
 from tiltcal.diagnosis.investigation.next_block import NextBlock

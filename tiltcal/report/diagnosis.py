@@ -14,8 +14,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.units import split_unit, unit_sign
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, in_words
-from tiltcal.diagnosis.conclusions.law_plots import LawView
-from tiltcal.diagnosis.conclusions.residual_plots import Spectrum, View
+from tiltcal.diagnosis.conclusions.residual_plots import LawView, Spectrum, View
 from tiltcal.report.page import sections, write_page
 from tiltcal.report.plots import LOGARITHMIC, Plot, Trace, axes, colour, line, points
 from tiltcal.report.poses import Pose

@@ -1,16 +1,25 @@
 """The answer: findings, verdict, statement and figures of a fitted model, and of recordings in
 which nothing can be tested.
+
+The amended scenario is simulated again and compared with the fit and with the recording.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
 from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, undetectable_of
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, Fitness, verdict_of
-from tiltcal.diagnosis.conclusions.fit_figures import fitness_of, rms_of, under_fixed_white
-from tiltcal.diagnosis.conclusions.law_plots import laws_of
+from tiltcal.diagnosis.conclusions.fit_figures import (
+    MIN_SAMPLES,
+    fitness_of,
+    rms_of,
+    under_fixed_white,
+)
 from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport, noise_report
 from tiltcal.diagnosis.conclusions.other_findings import (
     finding_of,
@@ -21,8 +30,7 @@ from tiltcal.diagnosis.conclusions.other_findings import (
     repeated_stamps,
     rows_out_of_order,
 )
-from tiltcal.diagnosis.conclusions.residual_plots import spectra_of, views_of
-from tiltcal.diagnosis.conclusions.resimulation import resimulate
+from tiltcal.diagnosis.conclusions.residual_plots import laws_of, spectra_of, views_of
 from tiltcal.diagnosis.conclusions.statements import (
     doubted,
     implausible,
@@ -32,11 +40,11 @@ from tiltcal.diagnosis.conclusions.statements import (
     untested_of,
     untold,
 )
-from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.data_faults.prepare import PreparedData
 from tiltcal.diagnosis.model.channel_noise import shift_bias_to_start
 from tiltcal.diagnosis.model.cross_validation import heldout_residuals
-from tiltcal.diagnosis.model.finding_tests import NoiseSource
+from tiltcal.diagnosis.model.finding_tests import ALPHA, NoiseSource
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -45,6 +53,103 @@ from tiltcal.effects import CATALOGUE, Effect
 from tiltcal.effects.data.faults import DataDrop
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.statistics.dwell_noise import robust_white
+
+LIMIT = 2 * float(np.log(1 / ALPHA))  # of chi-square
+
+
+@dataclass(frozen=True)
+class Resimulation:
+    """How far the simulator's run of the amended scenario is from the recording.
+
+    Args:
+        rms: of measured minus simulated, in standard deviations of a sample's noise, all channels
+            together.
+        algebra: largest distance of the simulator from the closed form that was fitted, in the same
+            unit.
+        rise: sum of squares of measured minus simulated, less that of measured minus fitted, in
+            squares of that unit.
+        samples: how many there are; 0 where nothing was simulated.
+        refused: why the simulator did not run.
+    """
+
+    rms: float = 0.0
+    algebra: float = 0.0
+    rise: float = 0.0
+    samples: int = 0
+    refused: str = ""
+
+    @property
+    def failed(self) -> bool:
+        """Whether the recording is less probable by the simulator's run than by the fit, 1 / ALPHA
+        times and more.
+        """
+        return not self.rise <= LIMIT
+
+    @property
+    def words(self) -> str:
+        """As a note."""
+        if self.refused:
+            return f"not re-simulated: {self.refused}"
+        if not self.samples:
+            return "not re-simulated: the simulator predicts none of the channels that were fitted"
+        return (
+            f"re-simulated with the amended scenario: residual {self.rms:.3f} of a sample's noise"
+            f" rms; the simulator and the fitted algebra differ by {self.algebra:.2g} at most"
+        )
+
+    @property
+    def failure(self) -> str:
+        """How much worse it is than the fit."""
+        return (
+            f"it differs by up to {self.algebra:.3g} of a sample's noise, which adds"
+            f" {self.rise:.3g} to chi-square; from {LIMIT:.3g} the recording is {1 / ALPHA:.0f}"
+            " times less probable"
+        )
+
+
+def resimulate(
+    laboratory: Laboratory, amended: Scenario, observations: Observations, fitted: list[Array]
+) -> Resimulation:
+    """Run the amended scenario along every recording.
+
+    Args:
+        laboratory: the simulator.
+        amended: what it runs.
+        observations: what was read; its columns mean what they say, so that faults of meaning are
+            left out of the run.
+        fitted: what the closed form says each channel should have read, (n,).
+    """
+    try:
+        runs = [laboratory.predict(amended, r, by_others=True) for r in observations.recordings]
+    except TiltcalError as refusal:
+        return Resimulation(refused=str(refusal))
+    left, rise, furthest, count = 0.0, 0.0, 0.0, 0
+    for channel, algebra in zip(observations.channels, fitted, strict=True):
+        if channel.derived:
+            continue
+        run = _as_simulated(channel, runs[channel.recording], amended)
+        there = ~np.isnan(run) & ~np.isnan(algebra)
+        if there.sum() < MIN_SAMPLES:
+            continue
+        read, fit, again = (channel.weighed(v)[there] for v in (channel.values, algebra, run))
+        noise = robust_white(read - fit)
+        error, of_fit, beside = (read - again) / noise, (read - fit) / noise, (fit - again) / noise
+        left += float(error @ error)
+        rise += float(error @ error - of_fit @ of_fit)
+        count += int(there.sum())
+        furthest = max(furthest, float(np.abs(beside).max()))
+    rms = float(np.sqrt(left / count)) if count else 0.0
+    return Resimulation(rms, furthest, rise, count)
+
+
+def _as_simulated(channel: Channel, run: Recording, amended: Scenario) -> Array:
+    """What the simulator reads in the rows of a channel, SI, (n,); NaN where it reads nothing."""
+    samples = run.sensor(amended.named(channel.sensor))
+    full = np.full(len(run), np.nan)
+    full[samples.rows] = samples.values[:, channel.column]
+    return np.asarray(full[channel.rows])
 
 
 def testable(prepared: PreparedData) -> bool:

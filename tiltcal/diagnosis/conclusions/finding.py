@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from tiltcal.core.tabular import Tabular
-from tiltcal.diagnosis.conclusions.law_plots import LawView
 from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
-from tiltcal.diagnosis.conclusions.residual_plots import Spectrum, View
+from tiltcal.diagnosis.conclusions.residual_plots import LawView, Spectrum, View
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 

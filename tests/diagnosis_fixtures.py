@@ -135,6 +135,12 @@ def honest(scenario: Scenario) -> Scenario:
     return parse_scenario({"schema": 1, **table})
 
 
+def stating(scenario: Scenario, *effects: dict) -> Scenario:
+    """What an honest user knows of it, with these effects."""
+    table = honest(scenario).model_dump(exclude_defaults=True, by_alias=True)
+    return parse_scenario({"schema": 1, **table, "effect": list(effects)})
+
+
 def shorter(scenario: Scenario, poses: int) -> Scenario:
     """The same dual table with a tumble of fewer poses."""
     table = scenario.model_dump(exclude_defaults=True, by_alias=True)

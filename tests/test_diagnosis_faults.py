@@ -11,6 +11,7 @@ from diagnosis_fixtures import (
     honest,
     recorded,
     rewritten,
+    stating,
     turned_by_hand,
 )
 from statistics_helpers import rng_of
@@ -652,12 +653,6 @@ def one_fault_of(prepared):
 def rows_of(recording, rows):
     columns = {name: recording.column(name)[rows] for name in recording.column_names}
     return Recording.from_columns(recording.time[rows], columns)
-
-
-def stating(scenario, *effects):
-    """What an honest user knows, and these effects."""
-    table = honest(scenario).model_dump(exclude_defaults=True, by_alias=True)
-    return parse_scenario({"schema": 1, **table, "effect": list(effects)})
 
 
 COARSE = [

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_fixtures import bench, honest, recorded, shorter
+from diagnosis_fixtures import bench, honest, recorded, shorter, stating, tumble
 from scipy.fft import idct
 from statistics_helpers import mean_band
 
@@ -29,12 +29,6 @@ ARCSEC = np.radians(1 / 3600)
 def scatter(sigma: float, axis: str = "outer") -> dict:
     """Settings of an axis that are this random, arcsec."""
     return {"id": "table_index_error", "axis": axis, "sigma_arcsec": sigma}
-
-
-def stating(truth: Scenario, *effects: dict) -> Scenario:
-    """What an honest user knows of it, with these effects."""
-    table = honest(truth).model_dump(exclude_defaults=True, by_alias=True)
-    return parse_scenario({"schema": 1, **table, "effect": list(effects)})
 
 
 def prepared(truth: Scenario, *effects: dict, seed: int = 4):
@@ -166,6 +160,29 @@ def test_several_recordings_of_a_placing_table_with_stated_settings_match():
     truth = bench(scatter(10.0), table="placing")
     answer = diagnose(stating(truth, scatter(10.0)), [recorded(truth, k) for k in (5, 6)])
     assert answer.findings == ()
+
+
+def test_mountings_as_random_as_stated_are_no_finding_and_in_the_uncertainties():
+    """Of four mountings of 30 arcsec an antisymmetric pair of cross-axis terms is known to about
+    15 arcsec, 73 ppm, whatever the noise.
+    """
+    seats = {"id": "remount_repeatability", "sigma_arcsec": 30.0}
+    table = bench(seats).model_dump(exclude_defaults=True, by_alias=True)
+    steps = tumble(12)
+    for angle in (90, 180, 270):
+        steps += [{"action": "remount", "mount": f"Rz({angle})"}, *tumble(12)]
+    truth = parse_scenario({**table, "schema": 1, "sequence": steps})
+    read = [recorded(truth, 5)]
+    assert diagnose(stating(truth, seats), read).findings == ()
+    stated, unstated = (prepare(stating(truth, *known), read) for known in ((seats,), ()))
+    (own,) = stated.observations.settings(stated.start.known)
+    assert len(own) == 3 * 4
+    with_it, without = (
+        next(e.sigmas["cross_xy"] for e in one.start.calibration() if "cross_xy" in e.sigmas)
+        for one in (stated, unstated)
+    )
+    assert without < 10e-6
+    assert 40e-6 < with_it < 150e-6
 
 
 @pytest.mark.parametrize(

@@ -316,3 +316,23 @@ def test_a_head_that_is_turned_by_hand_matches_its_scenario(rng):
     found = diagnose(PLACED, [recording])
     assert found.verdict == "match"
     assert found.after.chi2_per_dof == pytest.approx(1, abs=0.2)
+
+
+def test_between_stamps_an_acceleration_is_as_exact_as_at_them():
+    """A straight line from one stamp to the next would lose 0.35 % of it at 50 Hz, which a stated
+    latency took for a lever arm.
+    """
+    steps = [
+        {"action": "move", "outer_deg": angle, "rate_deg_s": 30, "dwell_s": 2}
+        for angle in (0, 45, 90)
+    ]
+    table = setup_of("dual", ACCEL.model_copy(update={"rate_hz": 50})).model_dump(exclude_none=True)
+    told = parse_scenario({"schema": 1, **table, "sequence": steps})
+    recording = LABORATORY.record(told)
+    time = recording.time[5:-5] - 0.006
+    read = replay(recording, told, None).drive(time).axes["outer"]
+    truth = told.schedule.drive(time).axes["outer"]
+    assert np.abs(truth.a).max() > 1
+    lost = np.sum((read.a - truth.a) * truth.a) / np.sum(truth.a**2)
+    assert abs(lost) < 3e-4
+    assert np.abs(read.v - truth.v).max() < 2e-4

@@ -1,5 +1,6 @@
 """A recorded readout replayed: the Course that a model needs to predict a recording."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -62,8 +63,10 @@ class Replay:
             if len(time) == len(self.time) and np.array_equal(time, self.time):
                 axes[name] = Jet(angle, v, a)
                 continue
-            # a short step from the nearest stamp, the acceleration a straight line between stamps
-            shift, here = time - self.time[nearest], np.interp(time, self.time, a)
+            # a short step from the nearest stamp; between stamps the acceleration is what takes one
+            # rate to the next: on a straight line between them it would lose what it bends
+            within = np.clip(time, self.time[0], self.time[-1])
+            shift, here = time - self.time[nearest], self._accelerations[name](within)
             axes[name] = Jet(
                 angle[nearest] + v[nearest] * shift + (2 * a[nearest] + here) * shift**2 / 6,
                 v[nearest] + (a[nearest] + here) * shift / 2,
@@ -114,6 +117,19 @@ class Replay:
                 rate=sign * rates.rate, acceleration=sign * rates.acceleration
             )
         return found
+
+    @cached_property
+    def _accelerations(self) -> dict[str, Callable[[Array], Array]]:
+        """Of each axis as a function of time, between the first stamp and the last: the slope of
+        the cubic through its rates; nothing of a single row.
+        """
+        from scipy.interpolate import CubicHermiteSpline
+
+        if len(self.time) < 2:
+            return dict.fromkeys(self.angles, np.zeros_like)
+        each = self._rates.items()
+        rates = {name: CubicHermiteSpline(self.time, r.rate, r.acceleration) for name, r in each}
+        return {name: rate.derivative() for name, rate in rates.items()}
 
     @cached_property
     def standstills(self) -> Standstills:

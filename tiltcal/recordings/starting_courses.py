@@ -7,7 +7,6 @@ that gives the rate next to it better than any window on one side of it.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -164,9 +163,9 @@ def instants(
     step, unsettled = COARSE, np.arange(len(which))
     for zoom in range(ZOOMS + 1):
         t, w, each = time[unsettled], weight[unsettled], np.arange(len(unsettled))
-        u = np.maximum(t[:, None, :] - grid[:, :, None], 0.0)
-        enough = (u > 0).sum(axis=2) >= len(powers) + 2
-        left = np.where(enough, _left(u / width, y[unsettled], w, powers), np.inf)
+        u = np.maximum(t.T[:, :, None] - grid, 0.0) / width
+        enough = u[-len(powers) - 2] > 0  # time increases
+        left = np.where(enough, _left(u, y[unsettled].T, w.T, powers), np.inf)
         at, last = np.argmin(left, axis=1), grid.shape[1] - 1
         instant[unsettled], least[unsettled] = grid[each, at], left[each, at]
         # between grid points a parabola is lower by an eighth of this at most, others by more
@@ -198,22 +197,19 @@ def _beyond(excess: Array, dof: Array) -> Array:
 
 
 def _left(u: Array, y: Array, weight: Array, powers: tuple[float, ...]) -> Array:
-    """What the best sums of powers leave of each weighted course, squares summed, (k, t). u: (k, t,
-    n); y, weight: (k, n).
+    """What the best sums of powers leave of each weighted course, squares summed, (k, t). u: (n, k,
+    t); y, weight: (n, k).
     """
-    columns = [weight[:, None] * column for column in _powers(u, powers)]
-    k = len(columns)
-    gram = np.empty((*u.shape[:2], k, k))
-    for i, j in combinations_with_replacement(range(k), 2):
-        gram[..., i, j] = gram[..., j, i] = _along(columns[i], columns[j])
-    # none has moved: nothing to fit
-    size = np.maximum(np.einsum("...ii", gram), NOTHING)
-    gram += 1e-14 * size[..., None, None] * np.eye(k)
-    c = np.linalg.solve(
-        gram, np.stack([(column @ y[:, :, None])[..., 0] for column in columns], axis=-1)[..., None]
-    )[..., 0]
-    residual = y[:, None, :] - sum(c[..., i, None] * column for i, column in enumerate(columns))
-    return _along(residual, residual)
+    left = np.empty((len(powers) + 1, *u.shape))
+    for column, power in zip(left, _powers(u, powers), strict=False):
+        np.multiply(weight[:, :, None], power, out=column)
+    left[-1] = y[:, :, None]
+    left = left.reshape(len(left), len(u), -1)
+    while len(left) > 1:  # one column after the other is taken out of the rest (Gram-Schmidt)
+        column, left = left[0], left[1:]
+        size = np.maximum(_along(column, column), NOTHING)  # none has moved: nothing to fit
+        left -= (np.einsum("nm,inm->im", column, left) / size)[:, None] * column
+    return _along(left[0], left[0]).reshape(u.shape[1:])
 
 
 def _powers(u: Array, powers: tuple[float, ...]) -> list[Array]:
@@ -236,8 +232,8 @@ def _power(u: Array, n: int) -> Array:
 
 
 def _along(one: Array, other: Array) -> Array:
-    """Sum of products along the last axis, (k, t)."""
-    return np.asarray(np.einsum("ktn,ktn->kt", one, other))
+    """Sum of products along the first axis, (m,)."""
+    return np.asarray(np.einsum("nm,nm->m", one, other))
 
 
 def corner_at(side: Side, k: int, width: int, powers: tuple[float, ...], instant: float) -> Corner:

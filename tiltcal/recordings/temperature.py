@@ -63,20 +63,50 @@ def _smoothest(t: Array, T: Array, level: float) -> Callable[[Array], Array]:
 
     A cubic is taken off first: the spline is straight at its ends, which no laboratory is.
     """
-    from scipy.interpolate import make_smoothing_spline
+    from scipy.interpolate import CubicSpline
 
     trend = np.polynomial.Polynomial.fit(t, T, 3)
     residual = T - trend(t)
+    left_by = _smoothing(t, residual)
     low, high = -12.0, 16.0  # decades
-    best = make_smoothing_spline(t, residual, lam=10.0**low)
+    best = left_by(10.0**low)
     while high - low > 0.1:
         middle = (low + high) / 2
-        trial = make_smoothing_spline(t, residual, lam=10.0**middle)
-        if _within(trial(t) - residual, level):
-            best, low = trial, middle
+        left = left_by(10.0**middle)
+        if _within(left, level):
+            best, low = left, middle
         else:
             high = middle
-    return lambda time: np.asarray(trend(time) + best(time))
+    spline = CubicSpline(t, residual - best, bc_type="natural")
+    return lambda time: np.asarray(trend(time) + spline(time))
+
+
+def _smoothing(t: Array, y: Array) -> Callable[[float], Array]:
+    """What the natural cubic spline leaves of y, (n,), by the weight of its squared curvature: with
+    Q'f the second divided differences of its values f, and R that of its second derivatives g,
+    (R + weight Q'Q) g = Q'y and y - f = weight Q g. t, y: (n,).
+    """
+    from scipy.linalg import solveh_banded
+
+    h = np.diff(t)
+    before, after = 1 / h[:-1], 1 / h[1:]
+    here = -(before + after)
+    squares, bends = np.zeros((2, 3, len(here)))
+    squares[0] = before**2 + here**2 + after**2
+    squares[1, :-1] = here[:-1] * before[1:] + after[:-1] * here[1:]
+    squares[2, :-2] = after[:-2] * before[2:]
+    bends[0], bends[1, :-1] = (h[:-1] + h[1:]) / 3, h[1:-1] / 6
+    second = np.diff(y)[1:] * after - np.diff(y)[:-1] * before
+
+    def left(weight: float) -> Array:
+        g = weight * solveh_banded(bends + weight * squares, second, lower=True)
+        found = np.zeros(len(y))
+        found[:-2] += before * g
+        found[1:-1] += here * g
+        found[2:] += after * g
+        return found
+
+    return left
 
 
 def _within(left: Array, level: float) -> bool:

@@ -7,6 +7,7 @@ dark. What comes from files is text: none of it can be markup.
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -104,6 +105,8 @@ def axes(x: str, y: str, **more: Any) -> dict[str, Any]:
 
 def _plain(value: Any, key: str = "") -> Any:
     """Plain values for JSON: rounded numbers, null for those that are not finite, text as text."""
+    if isinstance(value, float):  # nearly all of them are
+        return float(f"{value:.{DIGITS}g}") if isfinite(value) else None
     if isinstance(value, Mapping):
         return {str(k): _plain(v, str(k)) for k, v in value.items()}
     if isinstance(value, np.ndarray):
@@ -114,5 +117,4 @@ def _plain(value: Any, key: str = "") -> Any:
         return value if key in MARKUP else value.replace("&", "&amp;").replace("<", "&lt;")
     if isinstance(value, bool) or value is None or isinstance(value, int):
         return value
-    number = float(value)
-    return float(f"{number:.{DIGITS}g}") if np.isfinite(number) else None
+    return _plain(float(value))

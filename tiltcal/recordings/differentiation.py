@@ -5,6 +5,7 @@ Each window of evenly sampled values is as long as its noise and its curvature m
 of the readout and of its stamps is estimated from the readout itself.
 """
 
+from functools import cache
 from itertools import product
 from math import comb
 from typing import NamedTuple
@@ -109,6 +110,7 @@ def _bias(u: Array, more: Array, noise: Array) -> Array:
     return np.asarray(np.maximum(added - float(more @ more) * noise**2, 0.0))
 
 
+@cache
 def _weights(width: int, index: int, degree: int) -> tuple[Array, Array]:
     """Weights of the first and the second derivative at one sample of a window, by its polynomial,
     (width,) each.

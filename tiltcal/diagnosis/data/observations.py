@@ -215,9 +215,9 @@ class Observations(ABC):
         return None
 
     def settings(self, around: Sequence[Effect]) -> list[list[Columns]]:
-        """What one standard deviation of each rotation by which an axis stops at random, as the
-        scenario states it, does to the readings, SI: of each stop, those of each recording
-        together; none where it states none.
+        """What one standard deviation of each random rotation that the scenario states does to the
+        readings, SI: of an axis at each stop, and of the instrument about x, y and z at each
+        mounting, those of each recording together; none where it states none.
         """
         return []
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tiltcal.core.arrays import Index
+from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.effects.base import Effect
 from tiltcal.effects.mount.mounting import MountMisalignment, RemountRepeatability
@@ -80,11 +80,7 @@ def stop_rotations(
         for visit in np.unique(visits, axis=0):
             there = (visits == visit).all(axis=1).astype(float)
             weight = np.interp(np.arange(len(course.stop)), resting, there)
-            part = {
-                i: column * weight[observations.channels[i].rows] / SMALL
-                for i, column in whole.items()
-                if observations.channels[i].recording == number
-            }
+            part = _per_radian(observations, whole, number, weight)
             if any(np.any(c) for c in part.values()):
                 yield StopRotation(number, int(visit[0]), part)
 
@@ -105,14 +101,26 @@ def mounting_rotations(
         for number, course in enumerate(observations.courses):
             mounting = _mountings(course)
             for one in np.unique(mounting):
-                yield (
-                    number,
-                    {
-                        i: column * (mounting == one)[observations.channels[i].rows] / SMALL
-                        for i, column in whole.items()
-                        if observations.channels[i].recording == number
-                    },
-                )
+                there = (mounting == one).astype(float)
+                yield number, _per_radian(observations, whole, number, there)
+
+
+def _per_radian(
+    observations: Observations, whole: Columns, recording: int, weight: Array
+) -> Columns:
+    """The part of the change by a rotation of SMALL that a recording's rows have, per radian, SI.
+
+    Args:
+        observations: whose channels.
+        whole: the change by that rotation of all rows, SI.
+        recording: its number.
+        weight: of the rotation in each row of it, (n,).
+    """
+    return {
+        i: column * weight[observations.channels[i].rows] / SMALL
+        for i, column in whole.items()
+        if observations.channels[i].recording == recording
+    }
 
 
 def _mountings(course: Replay) -> Index:

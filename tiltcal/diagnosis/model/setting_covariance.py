@@ -1,10 +1,12 @@
-"""Stated random settings of a table's axes as part of the covariance of the readings.
+"""Stated random settings of a table's axes, and mountings of the instrument, as part of the
+covariance of the readings.
 
-The rotation of each stop is normal with the stated standard deviation: one more observation,
-"rotation / sigma = 0 with unit noise", and one more column. Least squares over all of these
-rotations is least squares of readings and columns that are multiplied by the inverse square root of
-their covariance 1 + Z Z', in units of the noise (Z: what one sigma of each stop does). That is done
-once under a noise, where the readings are whitened anyway; no model carries a column for each stop.
+The rotation of each stop, or mounting, is normal with the stated standard deviation: one more
+observation, "rotation / sigma = 0 with unit noise", and one more column. Least squares over all of
+these rotations is least squares of readings and columns that are multiplied by the inverse square
+root of their covariance 1 + Z Z', in units of the noise (Z: what one sigma of each rotation does).
+That is done once under a noise, where the readings are whitened anyway; no model carries a column
+for each stop.
 """
 
 from collections.abc import Sequence

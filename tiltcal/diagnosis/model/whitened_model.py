@@ -31,7 +31,8 @@ class WhitenedModel:
         fits: of the noise of each channel, where it was estimated.
         curved: numbers of the channels to whose reading a nameless curve adds: what is left of
             its law is in their noise.
-        settings: the random settings that the scenario states, of each recording with any.
+        settings: the random settings and mountings that the scenario states, of each recording with
+            any.
         floors: size, SI, of what coarse codes do to a sensor's misfit, by sensor.
     """
 

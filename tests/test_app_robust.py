@@ -14,6 +14,8 @@ from hand_simulation import Hand
 from test_app import GIB, hand_held_log
 
 from tests.running_app import TOKEN, Page, held_by_hand, running
+from tiltcal.app.elements import read_for_page
+from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording_files import read_recording
 
 pytest.importorskip("nicegui", reason="the extra tiltcal[app] is not installed")
@@ -182,3 +184,8 @@ def test_a_source_that_drops_and_returns_is_told_of_and_goes_on(page):
     (written,) = page.app.folder.glob("**/recording.csv")
     assert len(read_recording(written)) > before + 100
     page.require_clean()
+
+
+def test_a_file_that_goes_away_while_it_is_read_is_one_message(tmp_path):
+    with pytest.raises(TiltcalError, match=r"gone\.csv.*choose it again"):
+        read_for_page((tmp_path / "gone.csv").read_text)

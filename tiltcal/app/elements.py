@@ -5,6 +5,7 @@ tables and plots of text, controls that keep what is entered, and actions with t
 import asyncio
 import json
 from collections.abc import Callable, Hashable, Sequence
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from nicegui import background_tasks, ui
@@ -186,7 +187,7 @@ class Section(Generic[Loaded]):
         while self._wanted and not self.box.is_deleted:
             self._wanted = False
             try:
-                found = await asyncio.to_thread(self._load)
+                found = await asyncio.to_thread(read_for_page, self._load)
             except TiltcalError as error:
                 self._show(lambda error=error: problem(str(error)))  # type: ignore[misc]
                 continue
@@ -199,6 +200,23 @@ class Section(Generic[Loaded]):
         self.box.clear()
         with self.box:
             build()
+
+
+def read_for_page(load: Callable[[], Loaded]) -> Loaded:
+    """What a part of a page reads from files that others may write, move or delete meanwhile.
+
+    Raises:
+        TiltcalError: a file is wrong, or went away between being found and being read.
+    """
+    try:
+        return load()
+    except OSError as error:
+        raise TiltcalError(
+            Path(error.filename).name if error.filename else "workspace",
+            found=error.strerror or str(error),
+            need="files that stay while they are read",
+            do="choose it again",
+        ) from error
 
 
 def follow(

@@ -10,7 +10,7 @@ import shutil
 import numpy as np
 import pytest
 
-from tests.running_app import TOKEN, Page, running
+from tests.running_app import TOKEN, Page, held_by_hand, running
 from tests.scenario_files import BENCH_SCENARIO
 from tiltcal.app import commands
 from tiltcal.app.guard import Guard, Keys
@@ -66,6 +66,14 @@ def hand_held_log(path):
     np.savetxt(path, table, fmt="%.5f", header="ax ay az gx gy gz", comments="")
 
 
+TURNED_MAPPING = (
+    '[file]\nseparator = "space"\n[time]\nrate_hz = 50\n'
+    + "".join(f'[[column]]\nfrom = "a{i}"\nto = "accel_{i}_m_s2"\n' for i in "xyz")
+    + "".join(f'[[column]]\nfrom = "g{i}"\nto = "gyro_{i}_rad_s"\n' for i in "xyz")
+)
+"""How the log of ``hand_held_log`` is imported."""
+
+
 @pytest.fixture(scope="module")
 def app(tmp_path_factory):
     """An application on a workspace with a log, a bench with its recording, and a hostile name."""
@@ -74,13 +82,18 @@ def app(tmp_path_factory):
     (folder / "bench.toml").write_text(BENCH_SCENARIO)
     assert main(["simulate", str(folder / "bench.toml"), "-o", str(folder / "bench.csv")]) == 0
     (folder / HOSTILE).write_text("<script>document.title='run'</script>,1\n2,3\n")
+    hand_held_log(folder / "turned.log")
+    (folder / "turned.map.toml").write_text(TURNED_MAPPING)
+    words = ["--map", str(folder / "turned.map.toml"), "-o", str(folder / "turned.csv")]
+    assert main(["import", str(folder / "turned.log"), *words]) == 0
+    (folder / "turned.toml").write_text(held_by_hand(50))
     with running(folder, "--token", TOKEN) as started:
         yield started
 
 
 @pytest.fixture(scope="module")
 def page(browser, app):
-    """One page for the journeys, which follow each other in this file."""
+    """One page for the journeys: each chooses the files that it needs."""
     opened = Page(browser, app)
     yield opened
     opened.context.close()
@@ -388,12 +401,15 @@ def test_from_a_log_to_a_certificate(page, tmp_path, monkeypatch):
     assert "serial=00<b>42" in "".join(page.commands())
     page.press("Export px4")
     page.shows("text=Download CAL.px4.params")
+    page.go("Calibrate")
+    page.shows("text=calibration by norm: good")
     assert "CAL_ACC0_XSCALE" in (page.app.folder / "CAL.px4.params").read_text()
     page.require_clean()
 
 
 def test_two_tabs_and_a_reload_lose_nothing(page):
     page.go("Calibrate")
+    page.fill("Serial", "00<b>42")
     other = page.second_tab("/calibrate")
     page.fill("Laboratory", "Bench 7")
     other.wait_for_function(
@@ -403,7 +419,6 @@ def test_two_tabs_and_a_reload_lose_nothing(page):
     other.wait_for_function("window.did_handshake")
     assert other.get_by_label("Laboratory", exact=True).input_value() == "Bench 7"
     assert other.get_by_label("Serial", exact=True).input_value() == "00<b>42"
-    other.wait_for_selector("text=calibration by norm: good")
     other.close()
     kept = json.loads((page.app.folder / ".tiltcal-app.json").read_text())
     assert kept["stated.laboratory"] == "Bench 7"
@@ -450,7 +465,7 @@ def test_dwells_are_found_labelled_and_excluded(page):
     ]
     page.shows(".figure .gl-container, .figure .main-svg")
     assert page.page.get_by_label("Dwells", exact=True).first.input_value() == "bench.segments.csv"
-    choose(page, "Recording", "imu.csv")  # whose dwells they are not
+    choose(page, "Recording", "turned.csv")  # whose dwells they are not
     page.shows("text=Choose a list of dwells")
     assert page.page.get_by_label("Dwells", exact=True).first.input_value() == ""
     choose(page, "Recording", "bench.csv")
@@ -461,6 +476,8 @@ def test_dwells_are_found_labelled_and_excluded(page):
 def test_a_recording_is_diagnosed(page, tmp_path, monkeypatch):
     (page.app.folder / "bench.segments.csv").unlink(missing_ok=True)
     page.go("Diagnose")
+    choose(page, "Recording", "bench.csv")
+    choose(page, "Scenario", "bench.toml")
     page.press("Diagnose")
     page.shows(".job button")
     page.shows(".verdict")
@@ -476,6 +493,7 @@ def test_a_recording_is_diagnosed(page, tmp_path, monkeypatch):
 
 def test_poses_are_planned(page, tmp_path, monkeypatch):
     page.go("Plan")
+    choose(page, "Scenario", "bench.toml")
     page.fill("Table time, s", "60")
     page.fill("Goals, in the least time", "U=1deg")
     page.page.wait_for_function("document.body.textContent.includes('--budget-s 60')")
@@ -490,8 +508,8 @@ def test_poses_are_planned(page, tmp_path, monkeypatch):
 
 def test_a_replayed_recording_is_guided_to_its_goals(page):
     page.go("Guide")
-    choose(page, "Scenario", "hand.toml")
-    page.fill("Source", "imu.csv")
+    choose(page, "Scenario", "turned.toml")
+    page.fill("Source", "turned.csv")
     page.fill("Replay speed of a file", "0")
     page.fill("Length of a dwell, s", "2")
     page.fill("Goals: the largest σ of each kind", "bias=100ug scale=150ppm cross=150ppm")

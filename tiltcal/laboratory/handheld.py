@@ -122,10 +122,13 @@ def inverted(
     force: Array | None = None,
     read: Array | None = None,
 ) -> Array:
-    """The true input of a triad from its readings, by fixed point on the chain, (m, 3)."""
+    """The true input of a triad from its readings, (m, 3): by steps through its matrix, so that
+    only what the chain bends is left to the next.
+    """
     samples = motion.sensor(sensor)
     y = quiet_readings(sensor, motion) if read is None else read
     true = y.copy()
+    back = np.linalg.pinv(sensor_matrix(sensor, effects)).T
     f = (
         np.zeros_like(true)
         if force is None
@@ -134,11 +137,26 @@ def inverted(
     for _ in range(ITERATIONS):
         inputs = (true, np.zeros_like(true)) if sensor.kind == "accelerometer" else (f, true)
         sense = sense_of(sensor, setup, motion, *inputs, rows=samples.rows)
-        step = y - forward(sensor, effects, sense)
+        step = (y - forward(sensor, effects, sense)) @ back
         true = true + step
         if np.abs(step).max(initial=0.0) < CONVERGED * np.abs(y).max(initial=0.0):
             break
     return true
+
+
+def sensor_matrix(sensor: Sensor, effects: Sequence[Effect]) -> Array:
+    """Reading per unit of force or rate in the body frame, (k, 3): scale and cross-axis terms of
+    these effects.
+    """
+    matrix = np.eye(3)[list(sensor.axis_indices)]
+    for effect in (e for e in effects if e.sensor == sensor.name):
+        for parameter, value in effect.values.items():
+            word, _, axes = parameter.rpartition("_")
+            if word == "scale" and axes in sensor.axes:
+                matrix[sensor.axes.index(axes), "xyz".index(axes)] += value
+            elif word == "cross":
+                matrix[sensor.axes.index(axes[0]), "xyz".index(axes[1])] += value
+    return matrix
 
 
 def sense_of(

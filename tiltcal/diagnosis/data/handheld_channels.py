@@ -290,7 +290,7 @@ class HandheldObservations(Observations):
         """Change of each channel by each size alone, all at once; only delays are differences of
         predictions. By channel: numbers of the sizes, and the changes, SI, (sizes, n).
         """
-        other = tuple(e for e in around if e.role != "found")
+        other = self.depends_on(around)
         if isinstance(effect, DelayEffect):
             return self._delayed(effect, names, other) if self.scenario.sensors("fog") else {}
         if (
@@ -317,6 +317,10 @@ class HandheldObservations(Observations):
             if len(some):
                 found[i] = ([int(k) for k in some], block[some])
         return found
+
+    def depends_on(self, around: Sequence[Effect]) -> tuple[Effect, ...]:
+        """All but what was found."""
+        return tuple(e for e in around if e.role != "found")
 
     def saturating(self, number: int) -> list[Array]:
         """Polynomials of the direction of up for readings at rest, as many as the poses allow. (n,)

@@ -12,10 +12,10 @@ from itertools import product
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
-from tiltcal.diagnosis.data.sensor_perturbation import HandheldMotion, sensor_matrix
+from tiltcal.diagnosis.data.sensor_perturbation import HandheldMotion
 from tiltcal.effects.base import Effect
 from tiltcal.forward.gravity_transport import EDGE, GravityTransport, Windows, turns_between
-from tiltcal.laboratory.handheld import inverted, whole
+from tiltcal.laboratory.handheld import inverted, sensor_matrix, whole
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.laboratory.smoothing import bridged, independent_readings, quiet_readings, stops_of
 from tiltcal.recordings.recording import Recording
@@ -303,7 +303,8 @@ class HandheldRecording:
         """The motion under some effects, and what small errors of a sensor do to it."""
         state, windows = self.state(effects), self.windows
         triads = (*self.accelerometers, *self.gyros)
-        matrices = {s.name: sensor_matrix(s.name, self.scenario, effects) for s in triads}
+        calibration = [e for e in effects if e.role == "calibration"]
+        matrices = {s.name: sensor_matrix(s, calibration) for s in triads}
         carried = None if windows is None else GravityTransport(windows, state.force, state.rate)
         return HandheldMotion(
             self.scenario,

@@ -19,7 +19,7 @@ from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay
-from tiltcal.statistics.cosine_transform import cosines
+from tiltcal.statistics.cosine_transform import cosines, inverse_cosines
 from tiltcal.statistics.noise_spectrum import NoiseFit
 
 Columns = dict[int, Array]
@@ -79,6 +79,11 @@ class Channel:
     def waves(self, column: Array) -> Array:
         """Cosine coefficients of a column whose rows are weighed, (..., n)."""
         return cosines(self.weighed(column))
+
+    def of_waves(self, waves: Array) -> Array:
+        """The column that has these cosine coefficients, (..., n)."""
+        column = inverse_cosines(waves)
+        return column if self.spread is None else column * self.spread
 
     @property
     def name(self) -> str:
@@ -208,11 +213,11 @@ class Observations(ABC):
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
         """How readings change with a small effect, the others being there, SI."""
 
-    def depends_on(self, around: Sequence[Effect]) -> bytes | None:
-        """What of these effects the change by a term of calibration depends on; None where that is
-        all of them.
+    def depends_on(self, around: Sequence[Effect]) -> object:
+        """What of these effects the change by a term of calibration depends on: where it is equal,
+        so is the change. Unless more is known, all of them.
         """
-        return None
+        return tuple(around)
 
     def settings(self, around: Sequence[Effect]) -> list[list[Columns]]:
         """What one standard deviation of each random rotation that the scenario states does to the

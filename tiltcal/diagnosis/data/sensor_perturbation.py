@@ -3,8 +3,6 @@
 One pass for all sizes of an effect: what it adds to the reading at the motion that the calibrated
 sensors say. Force and rate in the body then change by minus that through the inverse sensor matrix,
 and every channel responds linearly.
-
-The fitted matrix of a sensor.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,23 +25,6 @@ from tiltcal.setup.sensor import Sensor
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-
-def sensor_matrix(name: str, scenario: Scenario, effects: Sequence[Effect]) -> Array:
-    """Reading per unit of force or rate in the body frame, (k, 3): scale and cross-axis terms of
-    these effects.
-    """
-    sensor = scenario.named(name)
-    matrix = np.eye(3)[list(sensor.axis_indices)]
-    for effect in effects:
-        if effect.sensor == name and effect.role == "calibration":
-            for parameter, value in effect.values.items():
-                word, _, axes = parameter.rpartition("_")
-                if word == "scale":
-                    matrix[sensor.axes.index(axes), "xyz".index(axes)] += value
-                elif word == "cross":
-                    matrix[sensor.axes.index(axes[0]), "xyz".index(axes[1])] += value
-    return matrix
 
 
 class SensorPerturbation:

@@ -16,7 +16,6 @@ from tiltcal.core.frames import is_steep
 from tiltcal.diagnosis.data.block_grid import BlockGrid, SampleBlocks, Sampling, mean_times
 from tiltcal.diagnosis.data.curve_columns import CurveColumns
 from tiltcal.diagnosis.data.observations import Channel, Columns, CurveFactors, Observations
-from tiltcal.diagnosis.data.sensor_perturbation import sensor_matrix
 from tiltcal.diagnosis.data.stop_rotations import stated_settings
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import active_in
@@ -24,6 +23,7 @@ from tiltcal.effects.learned import Learned
 from tiltcal.effects.loads import masses_of
 from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.forward.signal_chain import readings
+from tiltcal.laboratory.handheld import sensor_matrix
 from tiltcal.laboratory.laboratory import restored
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
@@ -414,8 +414,9 @@ class TableObservations(Observations):
         return self._around[1]
 
     def _matrices(self, around: Sequence[Effect]) -> dict[str, Array]:
+        calibration = [e for e in around if e.role == "calibration"]
         return {
-            s.name: sensor_matrix(s.name, self.scenario, around)
+            s.name: sensor_matrix(s, calibration)
             for s in self.scenario.sensor
             if s.kind not in ("fog", "encoder")
         }

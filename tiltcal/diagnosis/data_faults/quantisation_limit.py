@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.diagnosis.data_faults.fault import Fault
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, columns_of, summed
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, summed, waves_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import DataTruncation
@@ -66,9 +66,10 @@ def above_codes(terms: Sequence[FittedTerm], fitted: FittedModel, whitened: Whit
     if not floors:
         return True
     curve = not terms[0].hypothesis.textbook
-    calibration = columns_of(observations, fitted.nuisance, fitted.effects) if curve else []
+    about = whitened.columns.shared_about or fitted.effects
+    calibration = waves_of(whitened.columns, fitted.nuisance if curve else (), about)
     met = False
-    for i, change in summed(terms, observations, fitted.effects).items():
+    for i, change in summed(terms, whitened).items():
         floor = floors.get(observations.channels[i].sensor)
         if floor is None:
             continue
@@ -76,8 +77,8 @@ def above_codes(terms: Sequence[FittedTerm], fitted: FittedModel, whitened: Whit
         Q = column_space(
             np.column_stack([np.zeros_like(change), *(c[i] for c in calibration if i in c)])
         )
-        left = change - Q @ (Q.T @ change)
-        size = float(np.sqrt(np.mean(left**2)) if curve else np.abs(change).max())
+        left = observations.channels[i].of_waves(change - Q @ (Q.T @ change))
+        size = float(np.sqrt(np.mean(left**2)) if curve else np.abs(left).max())
         if size > floor:
             return True
     return not met

@@ -9,7 +9,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, waves_of
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.statistics.cosine_transform import cosines
@@ -36,15 +36,10 @@ def noise_under(
     hold any size in it, and stated random settings as much as is stated. extra: by channel, (m, n).
     """
     observations = columns.observations
-    effects = fitted.effects
-    waves = [
-        wave
-        for t in (*fitted.nuisance, *fitted.terms)
-        for wave in columns.all_waves(t.hypothesis, t.names, effects)
-    ]
-    found = []
+    about = columns.shared_about or fitted.effects
+    waves, found = waves_of(columns, (*fitted.nuisance, *fitted.terms), about), []
     for i, (channel, r) in enumerate(
-        zip(observations.channels, observations.residuals(effects), strict=True)
+        zip(observations.channels, observations.residuals(fitted.effects), strict=True)
     ):
         mine, left = [w[i] for w in waves if i in w], channel.waves(r)
         if least := channel.white:

@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data.observations import Columns, Observations
+from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
+from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 
@@ -140,19 +141,28 @@ class FittedModel:
         return np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
 
 
-def whitened_of(
-    whitened: WhitenedModel, terms: Sequence[FittedTerm], effects: Sequence[Effect]
+def waves_of(
+    columns: HypothesisColumns, terms: Sequence[FittedTerm], about: Sequence[Effect]
 ) -> list[Columns]:
-    """Change of the readings per plausible size of each fitted value, as whitened cosine
-    coefficients.
+    """Change of the readings per plausible size of each fitted value, as cosine coefficients, SI.
+    About the model that the hypotheses stand for they are in store.
     """
-    return whitened.weighed_together(
-        [
-            waves
-            for t in terms
-            for waves in whitened.columns.all_waves(t.hypothesis, t.names, effects)
-        ]
-    )
+    stored = tuple(about) == columns.shared_about
+    found: list[Columns] = []
+    for term in terms:
+        hypothesis = term.hypothesis
+        if stored and hypothesis.effect.role != "calibration":
+            found += [columns.stored(hypothesis, name) for name in term.names]
+        else:
+            found += columns.all_waves(hypothesis, term.names, about)
+    return found
+
+
+def whitened_of(
+    whitened: WhitenedModel, terms: Sequence[FittedTerm], about: Sequence[Effect]
+) -> list[Columns]:
+    """The same, whitened."""
+    return whitened.weighed_together(waves_of(whitened.columns, terms, about))
 
 
 def stored_of(whitened: WhitenedModel, terms: Sequence[FittedTerm]) -> list[Columns]:
@@ -168,33 +178,22 @@ def vectors_of(
     """Change of the readings per plausible size of each fitted value. Where the effects that it is
     about are those that all fits share, they share these vectors too under one noise.
     """
+    own = whitened_of(whitened, terms, about)
     if tuple(about) != whitened.columns.shared_about:
         source = object()
-        return [Vector(source, k, c) for k, c in enumerate(whitened_of(whitened, terms, about))]
-    found = []
-    for term in terms:
-        adjustable = term.hypothesis.effect.role == "calibration"
-        own = whitened_of(whitened, [term], about) if adjustable else stored_of(whitened, [term])
-        found += [Vector(term.hypothesis, n, c) for n, c in zip(term.names, own, strict=True)]
-    return found
+        return [Vector(source, k, c) for k, c in enumerate(own)]
+    named = ((term.hypothesis, n) for term in terms for n in term.names)
+    return [Vector(h, n, c) for (h, n), c in zip(named, own, strict=True)]
 
 
-def columns_of(
-    observations: Observations, terms: Sequence[FittedTerm], effects: Sequence[Effect]
-) -> list[Columns]:
-    """Change of the readings per plausible size of each fitted value, SI."""
-    return [
-        observations.changes(t.hypothesis.alone(name), effects) for t in terms for name in t.names
-    ]
-
-
-def summed(
-    terms: Sequence[FittedTerm], observations: Observations, effects: Sequence[Effect]
-) -> Columns:
-    """What some terms do to the readings together, the effects being there, SI, by channel."""
+def summed(terms: Sequence[FittedTerm], whitened: WhitenedModel) -> Columns:
+    """What some terms do to the readings together, about the model that the hypotheses stand for:
+    cosine coefficients, SI, by channel.
+    """
     total: Columns = {}
     for term in terms:
         for name, value in zip(term.names, term.values, strict=True):
-            for i, column in observations.changes(term.hypothesis.alone(name), effects).items():
-                total[i] = total.get(i, 0.0) + column * (value / term.hypothesis.size(name))
+            share = value / term.hypothesis.size(name)
+            for i, wave in whitened.columns.stored(term.hypothesis, name).items():
+                total[i] = total.get(i, 0.0) + wave * share
     return total

@@ -37,16 +37,14 @@ class HypothesisColumns:
         self._of_tried: dict[object, tuple[int, list[int]]] = {}
         self._store = ColumnStore()
         self._settings: tuple[tuple[Effect, ...], tuple[SettingWaves, ...]] | None = None
-        self._kept: dict[tuple[tuple[str, str | None, str | None], str], tuple[bytes, Columns]] = {}
+        self._kept: dict[tuple[object, str], tuple[object, Columns]] = {}
 
     @property
     def shared_about(self) -> tuple[Effect, ...]:
-        """The model that the hypotheses stand for, where columns about it are right to a per cent
-        in any fit; none by hand, where the attitude comes from the sensors themselves, and without
-        hypotheses.
+        """The model that the hypotheses stand for, columns about which are right to a per cent in
+        any fit; none without hypotheses.
         """
-        everything = self.observations.depends_on(self._around) is None
-        return () if everything else self._around
+        return self._around
 
     @property
     def settings(self) -> tuple[SettingWaves, ...]:

@@ -15,7 +15,6 @@ from tiltcal.diagnosis.model.inner_products import InnerProducts
 from tiltcal.diagnosis.model.score_test import ScoreTest
 from tiltcal.diagnosis.model.setting_covariance import SettingCovariance
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.cosine_transform import inverse_cosines
 from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, WhiteFlickerWalk
 
 
@@ -139,13 +138,11 @@ class WhitenedModel:
         """What a model leaves less what is expected of the random settings in it, SI, by channel,
         (n,) each.
         """
-        left = self.observations.residuals(effects)
         if not self.settings:
-            return left
-        noise = zip(self.noise_of(self.residual(effects)), self.roots, strict=True)
-        weighed = [inverse_cosines(part * root) for part, root in noise]
-        channels = zip(self.observations.channels, weighed, strict=True)
-        return [r if c.spread is None else r * c.spread for c, r in channels]
+            return self.observations.residuals(effects)
+        noise = self.noise_of(self.residual(effects))
+        channels = self.observations.channels
+        return [c.of_waves(p * r) for c, p, r in zip(channels, noise, self.roots, strict=True)]
 
     def residual(self, effects: Sequence[Effect]) -> list[Array]:
         """Whitened residual of each channel. (n,) each."""

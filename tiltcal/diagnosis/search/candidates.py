@@ -345,8 +345,7 @@ def _led_by_curve(told: Explanation, curves: Sequence[FittedTerm], rest: State) 
 
 def _energy_of(term: FittedTerm, state: State) -> float:
     """Energy of a term's signal, in units of the noise."""
-    whitened = state.whitened
-    signal = whitened.whiten(summed([term], whitened.observations, state.fitted.effects))
+    signal = state.whitened.weighed(summed([term], state.whitened))
     return sum(float(part @ part) for part in signal.values())
 
 

@@ -132,7 +132,7 @@ def _norm(of: HandheldRecording, triad: Sensor) -> Iterator[RedundantChannel]:
     def respond(push: SensorPerturbation) -> Array | None:
         if push.sensor != triad:
             return None
-        return np.asarray(np.einsum("nip,ni->pn", push.resting[rows], read / length[:, None]))
+        return np.asarray(np.einsum("nip,ni->pn", push.resting(rows), read / length[:, None]))
 
     channel = replace(_channel(of, triad, "norm", 0, rows, length), derived=True)
     yield RedundantChannel(channel, predict, respond)
@@ -165,7 +165,7 @@ def _long_rest(
     def respond(push: SensorPerturbation) -> Array | None:
         if push.sensor != triad:
             return None
-        change = push.resting[rows, column].T
+        change = push.resting(rows)[:, column].T
         return np.asarray(change - change.mean(axis=1, keepdims=True))
 
     channel = _channel(of, triad, triad.axes[column], column, rows, values - values.mean())

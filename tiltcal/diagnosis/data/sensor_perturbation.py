@@ -18,7 +18,7 @@ from tiltcal.effects.learned import LearnedReading
 from tiltcal.effects.sense import Sense
 from tiltcal.forward.gravity_transport import GravityTransport
 from tiltcal.forward.nominal_motion import effect_down, one_sided
-from tiltcal.laboratory.handheld import earlier, forward, sense_of
+from tiltcal.laboratory.handheld import dwell_means, earlier, forward, sense_of
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
@@ -48,19 +48,24 @@ class SensorPerturbation:
         inverse = np.linalg.pinv(self.hand.matrices[self.sensor.name])
         return np.asarray(-inverse @ self.felt)
 
-    @cached_property
-    def resting(self) -> Array:
-        """Change of an accelerometer's predicted reading in its rests, (n, 3, p): its own, and that
-        of up told by it.
+    def resting(self, rows: Index) -> Array:
+        """Change of an accelerometer's predicted reading on rows of rests, (m,) -> (m, 3, p): its
+        own, and that of up told by it.
         """
         hand = self.hand
-        length = np.linalg.norm(hand.mean, axis=1)[:, None, None]
-        up = hand.mean[:, :, None] / np.where(length > 0, length, 1.0)
-        moved = hand.dwell_means(self.motion) / np.where(length > 0, length, 1.0)
+        mean = hand.mean[rows][:, :, None]
+        length = np.linalg.norm(mean, axis=1, keepdims=True)
+        up = mean / np.where(length > 0, length, 1.0)
+        moved = self._moved[hand.stop[rows]] / np.where(length > 0, length, 1.0)
         lateral = hand.scenario.site.gravity * (
             moved - up * (up * moved).sum(axis=1, keepdims=True)
         )
-        return np.asarray(self.still + hand.matrices[self.sensor.name] @ lateral)
+        return np.asarray(self.still[rows] + hand.matrices[self.sensor.name] @ lateral)
+
+    @cached_property
+    def _moved(self) -> Array:
+        """Mean change of the force in each rest, (rests, 3, p)."""
+        return self.hand.rest_means(self.motion)
 
     @cached_property
     def turns(self) -> Array:
@@ -101,6 +106,9 @@ class HandheldMotion:
         force, rate: in the body frame, (n, 3).
         matrices: reading per unit of force or rate of each triad by name, (3, 3).
         carried: directions around turns, where there are enough of them.
+
+    Attributes:
+        mean: mean force of the rest of each row, 0 while moving, (n, 3).
     """
 
     def __init__(
@@ -118,8 +126,8 @@ class HandheldMotion:
         self.force, self.rate, self.matrices, self.carried = force, rate, matrices, carried
         resting = (stop >= 0) & ~np.isnan(force).any(axis=1)
         count = np.bincount(stop[resting], minlength=int(stop.max(initial=-1)) + 1)
-        self._rested, self._count = resting, count
-        self.mean = self.dwell_means(force[:, :, None])[:, :, 0]
+        self._rested, self._count = np.flatnonzero(resting), count
+        self.mean = dwell_means(force, stop)
         self._senses: dict[str, tuple[Sense, Sense, Index, Index]] = {}
         self._starts: dict[tuple[str, int], tuple[Array, Array]] = {}
         self._between: dict[str, csr_array] = {}
@@ -190,21 +198,15 @@ class HandheldMotion:
     def _gyro(self) -> Sensor:
         return next(s for s in self.scenario.sensors("gyro") if s.name in self.matrices)
 
-    def dwell_means(self, values: Array) -> Array:
-        """Means over the rest of each row, (n, k, p); 0 while moving."""
-        order = np.flatnonzero(self._rested)
-        found = np.zeros_like(values)
-        if len(order):
+    def rest_means(self, values: Array) -> Array:
+        """Means over each rest, (n, k, p) -> (rests, k, p); 0 where no force is known."""
+        found = np.zeros((len(self._count), *values.shape[1:]))
+        if len(order := self._rested):
             numbers = self.stop[order]
             begins = np.flatnonzero(np.diff(numbers, prepend=-1))
-            means = (
-                np.add.reduceat(values[order], begins, axis=0)
-                / self._count[numbers[begins], None, None]
-            )
-            place = np.zeros(len(self._count), dtype=np.intp)
-            place[numbers[begins]] = np.arange(len(begins))
-            there = (self.stop >= 0) & (self._count[np.maximum(self.stop, 0)] > 0)
-            found[there] = means[place[self.stop[there]]]
+            own = numbers[begins]
+            total = np.add.reduceat(values[order], begins, axis=0)
+            found[own] = total / self._count[own, None, None]
         return found
 
 

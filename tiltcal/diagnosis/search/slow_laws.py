@@ -18,7 +18,6 @@ from tiltcal.diagnosis.search.state import (
     Proposal,
     State,
     looked_at,
-    refitted,
     repriced,
     with_new,
 )
@@ -76,7 +75,7 @@ def slow_laws(
         return ()
     tried = [(d.law, d.model, d.more) for d in doubts if d.law.listed]
     for proposal in _proposed(state, hiding):
-        with_law = refitted(with_new(state, proposal))
+        with_law = with_new(state, proposal)
         with_law = repriced(with_law, noise_source.left_by(with_law.fitted, with_law.whitened))
         tried.append((proposal.explanation.hypothesis, with_law, with_law.cost - state.cost))
     found: dict[object, SlowLaw] = {}

@@ -34,7 +34,7 @@ def run():
         ("temperature", (0.0, 1.0), "degC", "continues"),
         ("time", (0.0, 1.0), "s", "left_out"),
         ("moves", (0.0, 1.0), "moves", "left_out"),
-        ("input", (0.0, 1.0), "m_s2", "holds"),
+        ("input", (0.0, 1.0), "g", "holds"),
         ("rate_x", (), "deg_s", "repeats"),
     ],
 )

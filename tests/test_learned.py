@@ -10,9 +10,17 @@ from builders import ACCEL, FOG, GYRO, drive_of, effect_of, read_poses, setup_of
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import rotation
-from tiltcal.core.units import G0
+from tiltcal.core.units import G0, unit_sign
 from tiltcal.effects import make_effect
 from tiltcal.effects.catalogue import to_file
+from tiltcal.effects.curve_coordinates import (
+    COORDINATES,
+    LAST_DIRECTION,
+    TURN_RATE,
+    coordinate_named,
+    shown_name,
+    title_of,
+)
 from tiltcal.effects.hysteresis_and_lag import first_order_lag, play
 from tiltcal.effects.mechanisms import Context
 from tiltcal.forward.kinematics import closed_form
@@ -937,3 +945,15 @@ def test_a_product_needs_two_angles(words, message):
     table = {"coordinate": "table_outer", "beside": "table_middle", "coefficients": [1e-3], **words}
     with pytest.raises(TiltcalError, match=message):
         make_effect("learned", table, SETUP, sensor="accel", axis="x")
+
+
+@pytest.mark.parametrize(
+    "name", [*COORDINATES, "table_outer", f"{TURN_RATE}outer", f"{LAST_DIRECTION}outer"]
+)
+def test_every_coordinate_has_words_and_is_read_back_from_its_title(name):
+    """It is written with its unit, ``angular_acceleration_x_deg_s2``, and read back from that."""
+    one, (title, unit) = coordinate_named(name), title_of(shown_name(name))
+    assert "{" not in one.words + one.factor
+    assert "_" not in title
+    assert unit == ("" if name == one.unit else one.unit)
+    assert "_" not in unit_sign(unit)

@@ -109,6 +109,8 @@ UNIT_SIGNS = {
     "m_s2_rthz": "m/s²/√Hz",
     "m_s2_rts": "m/s²/√s",
     "rad_s": "rad/s",
+    "deg_s2": "°/s²",
+    "degC_s": "°C/s",
     "deg_rth": "°/√h",
     "deg_h_rth": "°/h/√h",
 }

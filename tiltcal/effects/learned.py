@@ -20,6 +20,7 @@ from tiltcal.effects.base import AngleEffect, DelayEffect, Effect, FrameEffect, 
 from tiltcal.effects.curve_bases import harmonics_of, power_of, spline_of, transients_at
 from tiltcal.effects.curve_coordinates import (
     INPUTS,
+    coordinate_named,
     coordinate_of,
     coordinate_rate,
     force_jet,
@@ -35,11 +36,7 @@ from tiltcal.setup.tables import axis_of
 from tiltcal.setup.trajectory import Drive, Jet
 
 Force = Callable[[], Array]
-CONTINUED = ("temperature",)
-"""Coordinates beyond whose range a spline extrapolates: the next recording has other
-temperatures.
-"""
-PARABOLA = 3  # knots over one of them that make a parabola
+PARABOLA = 3  # knots of a coordinate that extrapolates, which make a parabola
 
 
 @dataclass(frozen=True)
@@ -106,7 +103,9 @@ class Learned(Effect):
     @property
     def extrapolates(self) -> bool:
         """Whether it extrapolates beyond its knots."""
-        return bool(self.knots) and self.coordinate in CONTINUED and not self.holds
+        return (
+            bool(self.knots) and coordinate_named(self.coordinate).extrapolates and not self.holds
+        )
 
     @property
     def is_step(self) -> bool:
@@ -155,7 +154,7 @@ class Learned(Effect):
         return np.asarray(self.basis(u, order) @ self.coefficients)
 
     def _spline(self, u: Array, order: int, weights: Array) -> Array:
-        parabola = self.coordinate in CONTINUED and len(self.knots) == PARABOLA
+        parabola = coordinate_named(self.coordinate).extrapolates and len(self.knots) == PARABOLA
         form = {"parabola": parabola, "holds": not self.extrapolates}
         return spline_of(u, order, self.knots, self.period, weights, **form)
 

@@ -5,7 +5,14 @@ from typing import Any
 
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.frames import AXES
-from tiltcal.effects.curve_coordinates import COORDINATES, INPUTS, LAST_DIRECTION, MOTION, TURN_RATE
+from tiltcal.effects.curve_coordinates import (
+    COORDINATES,
+    INPUTS,
+    LAST_DIRECTION,
+    MOTION,
+    TURN_RATE,
+    coordinate_named,
+)
 from tiltcal.effects.learned import (
     Learned,
     LearnedDelay,
@@ -34,12 +41,6 @@ KINDS: dict[str, type[Learned]] = {
     "tilt": LearnedTilt,
     "stamps": LearnedDelay,
 }
-SENSED_BY = {
-    "turned": (("gyro", "fog"), "a gyro or a FOG, whose rate is summed up to an angle"),
-    "transverse": (("fog",), "a FOG, which has an axis of its own"),
-    "coning": (("fog",), "a FOG, which has an axis of its own; of a gyro coning_x, _y or _z"),
-}
-"""The kinds of sensors that a coordinate is for, and the text of the error."""
 
 
 def make_learned(
@@ -143,14 +144,14 @@ def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
     return label_of(table, "times", "", factors, subject)
 
 
-def _require_kind(coordinate: str, setup: Setup, sensor: str, subject: str) -> None:
+def _require_kind(name: str, setup: Setup, sensor: str, subject: str) -> None:
     """Refuse a coordinate on a sensor that does not sense it."""
-    kinds, need = SENSED_BY[coordinate]
-    if setup.named(sensor).kind not in kinds:
+    asked = coordinate_named(name)
+    if asked.sensors and setup.named(sensor).kind not in asked.sensors:
         raise TiltcalError(
             subject,
-            found=f"coordinate '{coordinate}' of sensor '{sensor}'",
-            need=need,
+            found=f"coordinate '{name}' of sensor '{sensor}'",
+            need=asked.need,
             do="correct it",
         )
 
@@ -194,8 +195,7 @@ def _where(
             need="an axis of this table",
             do="correct it",
         )
-    if coordinate in SENSED_BY:
-        _require_kind(coordinate, setup, str(sensor), subject)
+    _require_kind(coordinate, setup, str(sensor), subject)
     axes = setup.named(str(sensor)).axes if on == "reading" else setup.rig.axis_names
     if on != "tilt":
         one_of(str(axis), axes, subject, "axis")

@@ -12,25 +12,15 @@ from typing import Any
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
-from tiltcal.core.units import split_unit, unit_sign
+from tiltcal.core.units import unit_sign
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, in_words
 from tiltcal.diagnosis.conclusions.residual_plots import LawView, Spectrum, View
+from tiltcal.effects.curve_coordinates import title_of
 from tiltcal.report.page import sections, write_page
 from tiltcal.report.plots import LOGARITHMIC, Plot, Trace, axes, colour, line, points
 from tiltcal.report.poses import Pose
 from tiltcal.report.scenes import sphere_plot
-from tiltcal.setup.tables import axis_of
 
-COORDINATE_TITLES = {
-    "input": "own reading",
-    "transverse": "rate across the axis",
-    "turned_deg": "angle turned about the axis",
-    "since_move": "time since the last move",
-    "since_start": "time since the last move began",
-    "speed_deg_s": "speed of turn",
-    "braking_deg_s2": "deceleration of the turn",
-    "moves_count": "number of moves",
-}
 FOLLOWED = {"temperature": "temperature_degC", "tilt": "input", "rate": "input"}
 MOVING = ("rate", "time", "move", "sample", "frequency")
 """Coordinates of findings that show while the table moves; of others only standstills are drawn."""
@@ -149,12 +139,8 @@ def _coordinate_of(known: Sequence[Mapping[str, Array]], coordinate: str) -> str
 
 def coordinate_title(name: str) -> str:
     """``table_outer_deg`` -> ``outer angle, °``."""
-    stem, unit = split_unit(name)
-    axis = axis_of(stem)
-    text = COORDINATE_TITLES.get(
-        stem, f"{axis} angle" if axis else stem.replace("_", " along body ")
-    )
-    return f"{text}, {unit_sign(unit)}" if unit else text
+    words, unit = title_of(name)
+    return f"{words}, {unit_sign(unit)}" if unit else words
 
 
 def heldout_plots(views: Sequence[View]) -> list[Plot]:

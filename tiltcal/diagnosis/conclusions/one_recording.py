@@ -22,6 +22,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.search.candidates import Names
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
+from tiltcal.effects.curve_coordinates import coordinate_named
 from tiltcal.effects.learned import Learned
 from tiltcal.recordings.recording import Recording, stem
 from tiltcal.statistics.dwell_noise import second_difference_noise
@@ -67,10 +68,6 @@ def _drawn_anew(name: str) -> tuple[str, ...]:
     return name, *(id for id, cls in CATALOGUE.items() if cls.like_event == name)
 
 
-HISTORY = ("time", "moves")
-"""Coordinates that no other recording goes through again."""
-
-
 def is_history(effect: Effect, observations: Observations) -> bool:
     """Whether a curve tells the history of the only recording there is: a cycle, whose phase
     another one does not have, among them.
@@ -78,7 +75,8 @@ def is_history(effect: Effect, observations: Observations) -> bool:
     if not isinstance(effect, Learned) or len(observations.recordings) > 1:
         return False
     once = bool(effect.knots or effect.power) and not effect.period
-    return effect.coordinate in HISTORY and (once or effect.coordinate == "time")
+    unique = coordinate_named(effect.coordinate).is_history
+    return unique and (once or effect.coordinate == "time")
 
 
 def mean_and_deviations(

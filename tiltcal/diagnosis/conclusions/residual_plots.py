@@ -11,14 +11,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
-from tiltcal.core.units import ARCSEC, COLUMN_UNITS, DEG, G0, readable_unit
+from tiltcal.core.units import ARCSEC, COLUMN_UNITS, readable_unit
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
+from tiltcal.effects.curve_coordinates import coordinate_named, shown_name
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.effects.mechanisms import Context
 from tiltcal.recordings.replay import nearest_rows
 from tiltcal.setup.setup import Setup
+from tiltcal.setup.tables import axis_of
 from tiltcal.setup.trajectory import Drive
 
 PIECES = 150  # of a recording's time: a longer rest or move is shown in several points
@@ -213,19 +215,8 @@ def _spectrum(time: Array, residual: Array) -> tuple[Array, Array]:
 
 
 MOST = 400  # points of a law that has no data of its own
-OWN = {
-    "force": ("g", G0),
-    "rate": ("deg_s", DEG),
-    "turn_rate": ("deg_s", DEG),
-    "transverse": ("deg_s", DEG),
-    "turned": ("deg", DEG),
-    "speed": ("deg_s", DEG),
-    "braking": ("deg_s2", DEG),
-    "since_move": ("s", 1.0),
-    "since_start": ("s", 1.0),
-    "moves": ("count", 1.0),
-}
-"""Unit of a coordinate that only a learned curve follows, and its size, SI."""
+SHOWN_ANYWAY = ("input", "time", "temperature")
+"""Coordinates that each channel is shown over, beside the angles of a table."""
 
 
 @dataclass(frozen=True)
@@ -328,15 +319,14 @@ def _followed(
     if not isinstance(effect, LearnedReading) or not watches or channel.sensor != effect.sensor:
         return {}
     name = effect.coordinate
-    stem = name if name in OWN else name.rpartition("_")[0]
-    if stem not in OWN or effect.play:
+    if name in SHOWN_ANYWAY or axis_of(name) or effect.play:
         return {}
     watch = watches[channel.recording]
     sense = watch.sense[channel.sensor]
     own = sense.true_input()[:, channel.column]
     u = effect.followed(sense, own)[nearest_rows(watch.time, channel.time)]
-    unit, size = OWN[stem]
-    return {f"{name}_{unit}": (u % effect.period if effect.period else u) / size}
+    phase = u % effect.period if effect.period else u
+    return {shown_name(name): phase / coordinate_named(name).size}
 
 
 def _deviations(observations: Observations, effects: Sequence[Effect]) -> Iterator[LawView]:

@@ -8,27 +8,10 @@ import numpy as np
 from tiltcal.diagnosis.conclusions.one_recording import is_history
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import range_felt_late, ranges_of
-from tiltcal.effects.curve_coordinates import INPUTS
+from tiltcal.effects.curve_coordinates import INPUTS, coordinate_named
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.setup.tables import axis_of
-
-DEGREE = float(np.radians(1.0))  # rad
-UNITS = {
-    "force": ("m_s2", 1.0),
-    "rate": ("deg_s", DEGREE),
-    "turn_rate": ("deg_s", DEGREE),
-    "transverse": ("deg_s", DEGREE),
-    "turned": ("deg", DEGREE),
-    "speed": ("deg_s", DEGREE),
-    "braking": ("deg_s2", DEGREE),
-    "angular_acceleration": ("deg_s2", DEGREE),
-    "temperature": ("degC", 1.0),
-    "warming": ("degC_s", 1.0),
-    "moves": ("moves", 1.0),
-}
-"""Unit of a coordinate, and its size, SI; else s."""
-
 
 Beyond = Literal["holds", "repeats", "continues", "left_out"]
 
@@ -99,8 +82,6 @@ def _unit(effect: Learned, observations: Observations) -> tuple[str, float]:
     if (axis := axis_of(name)) is not None:
         table = observations.scenario.rig.kind
         return table.unit(axis), table.size(axis)
-    if name == "input":
-        quantity = observations.scenario.named(str(effect.sensor)).quantity
-        return UNITS["rate" if quantity == "rate" else "force"]
-    stem = name if name in UNITS else name.rpartition("_")[0]
-    return UNITS.get(stem, ("s", 1.0))
+    of_rate = effect.sensor and observations.scenario.named(effect.sensor).quantity == "rate"
+    shown = coordinate_named(f"rate_{effect.axis}" if name == "input" and of_rate else name)
+    return shown.unit, shown.size

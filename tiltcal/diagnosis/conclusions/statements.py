@@ -18,7 +18,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.refitting import PRIOR
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
-from tiltcal.effects.curve_coordinates import LAST_DIRECTION, TURN_RATE
+from tiltcal.effects.curve_coordinates import coordinate_named
 from tiltcal.effects.curve_products import ORDERS
 from tiltcal.effects.learned import Learned, LearnedDelay, LearnedReadout, LearnedTilt
 from tiltcal.setup.setup import Rig, Setup
@@ -85,34 +85,18 @@ FOLLOWS = {
     "motion": "rate",
     "vibration": "frequency",
 }
-LEARNED_WORD = {
-    "input": "tilt",
-    "transverse": "rate",
-    "coning": "rate",
-    "turned": "tilt",
-    "warming": "temperature",
-    "since_move": "move",
-    "since_start": "move",
-    "moves": "move",
-    "speed": "rate",
-    "braking": "rate",
-}
 
 
 def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
     """The coordinate that an effect follows, as ``diagnosis.json`` names it."""
     if isinstance(effect, Learned):
-        if effect.coordinate.startswith("force"):
-            return "tilt"
-        if effect.coordinate.startswith(("rate", TURN_RATE, "angular_acceleration", "coning")):
-            return "rate"
         if (
             effect.coordinate == "input"
             and effect.sensor is not None
             and setup.named(effect.sensor).quantity == "rate"
         ):
             return "rate"
-        return LEARNED_WORD.get(effect.coordinate, effect.coordinate)
+        return coordinate_named(effect.coordinate).follows or effect.coordinate
     if effect.follows:
         innermost = setup.rig.axis_names[-1:]
         return effect.follows.format(innermost="".join(innermost))
@@ -188,29 +172,11 @@ def learned_name(effect: Learned) -> str:
     return f"{kind} of {effect.sensor} {effect.axis} that follows {what}"
 
 
-IN_WORDS = {
-    "input": "its own input",
-    "transverse": "the rate across its axis",
-    "coning": "coning (rate times angular acceleration) along its axis",
-    "turned": "the angle that it turned about its axis",
-    "warming": "the rate of warming",
-    "since_move": "the time since the last move",
-    "since_start": "the time since the last move began",
-    "moves": "the number of moves",
-    "speed": "the speed of turn",
-    "braking": "how quickly the turn slows down",
-}
-
-
 def _followed(effect: Learned) -> str:
     """The coordinate of a curve in words."""
-    what = IN_WORDS.get(effect.coordinate, _along_body(effect.coordinate))
+    what = coordinate_named(effect.coordinate).words
     if effect.power == 2 and not effect.odd:
         what = f"the square of {what}"
-    if axis := axis_of(effect.coordinate):
-        what = f"the {axis} angle"
-    if effect.coordinate.startswith(TURN_RATE):
-        what = _rate_of(effect.coordinate)
     return f"{what} times the {axis_of(effect.beside)} angle" if effect.beside else what
 
 
@@ -237,25 +203,8 @@ def _repeating(effect: Learned) -> str:
 
 def _factor(times: str) -> str:
     """What a curve is multiplied by, in words."""
-    if axis := axis_of(times):
-        return f"the {axis} angle"
-    if times.startswith(LAST_DIRECTION):
-        return f"which way the {times.removeprefix(LAST_DIRECTION)} angle last went"
-    if times.startswith(TURN_RATE):
-        return _rate_of(times)
-    if times in ("temperature", "time"):
-        return "the temperature from T0" if times == "temperature" else "the time"
-    return IN_WORDS.get(times, f"the {_along_body(times)}")
-
-
-def _rate_of(name: str) -> str:
-    return f"the rate of the {name.removeprefix(TURN_RATE)} angle"
-
-
-def _along_body(coordinate: str) -> str:
-    """A component of an input in words: rate along body x."""
-    words = coordinate.replace("angular_acceleration", "angular acceleration")
-    return " along body ".join(words.split("_"))
+    one = coordinate_named(times)
+    return one.factor or one.words
 
 
 def _width(effect: Learned) -> str:

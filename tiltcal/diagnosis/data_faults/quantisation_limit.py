@@ -8,8 +8,10 @@ from tiltcal.diagnosis.data_faults.fault import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, summed, waves_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
+from tiltcal.effects.curve_coordinates import coordinate_named
 from tiltcal.effects.data.labelling_faults import DataTruncation
 from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
+from tiltcal.effects.learned import Learned
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.statistics.least_squares import column_space
 
@@ -43,11 +45,8 @@ def needs_motion(effect: Effect) -> bool:
     """Whether only rates, accelerations or the direction of approach show an effect: truncated
     angles hide it.
     """
-    return effect.needs in BLURRED or getattr(effect, "coordinate", "").split("_")[0] in (
-        "rate",
-        "transverse",
-        "coning",
-    )
+    follows = isinstance(effect, Learned) and coordinate_named(effect.coordinate).follows
+    return effect.needs in BLURRED or follows == "rate"
 
 
 def above_codes(terms: Sequence[FittedTerm], fitted: FittedModel, whitened: WhitenedModel) -> bool:

@@ -1,10 +1,13 @@
 """Whether the commands are closed: what one writes, the others read.
 
-    python -m tests.closed_commands --count 20 --seed 1
+    python -m tests.closed_commands --count 20 --seed 1 --limit 60
 
-A random small scenario (any table, an arm; up to three causes of the catalogue, faults of
+A random small scenario (any table, an arm, a hand; up to three causes of the catalogue, faults of
 data among them) is recorded and diagnosed. No command may end in an internal error, the JSON is
 finite, and the amended scenario loads, is simulated, diagnosed again, corrects and is exported.
+Two recordings are diagnosed with the amended scenario: the one it was made from, and one that it
+simulates. Chance alone makes findings, so that these are no broken rule: they are listed, and the
+share of diagnoses without any is printed. So are the scenarios that take longer than the limit.
 """
 
 import argparse
@@ -12,9 +15,13 @@ import contextlib
 import io
 import json
 import shutil
+import signal
 import sys
 import tempfile
-from dataclasses import dataclass
+import time
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +41,7 @@ TABLES = {
     "dual": ("outer", "inner"),
     "three": ("outer", "middle", "inner"),
     "arm": ("pan", "lift", "elbow", "wrist"),
+    "handheld": (),
 }
 SENSORS = {
     "accelerometer": {"axes": ["x", "y", "z"], "adjustable": ["bias", "scale", "cross_axis"]},
@@ -58,11 +66,46 @@ class Broken:
     """A rule that does not hold.
 
     Args:
-        rule: which; found: what was seen instead.
+        rule: which.
+        found: what was seen instead.
     """
 
     rule: str
     found: str
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What came of one scenario.
+
+    Args:
+        broken: the rules that it breaks.
+        again: of each diagnosis with the amended scenario, by the name of its folder, the findings:
+            effect and p-value.
+    """
+
+    broken: list[Broken] = field(default_factory=list)
+    again: dict[str, list[str]] = field(default_factory=dict)
+
+
+class OutOfTime(BaseException):
+    """A scenario took longer than its limit: no error that a command would catch."""
+
+
+@contextlib.contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Raise OutOfTime after so much processor time, s."""
+
+    def stop(*_: object) -> None:
+        raise OutOfTime
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def random_scenario(rng: np.random.Generator) -> dict[str, Any]:
@@ -71,6 +114,8 @@ def random_scenario(rng: np.random.Generator) -> dict[str, Any]:
     kinds = [k for k in SENSORS if rng.random() < 0.5] or ["accelerometer"]
     if table != "dual" and "inclinometer" in kinds and len(kinds) > 1:
         kinds.remove("inclinometer")
+    if table == "handheld" and not {"accelerometer", "gyro"} & set(kinds):
+        kinds = ["accelerometer", *(k for k in kinds if k != "inclinometer")]
     sensors = [
         {"name": f"{kind[:4]}", "kind": kind, "rate_hz": float(rng.choice([10, 25, 50]))}
         | SENSORS[kind]
@@ -104,9 +149,11 @@ def _sequence(table: str, rng: np.random.Generator) -> list[dict[str, Any]]:
     reach = 60.0 if table == "arm" else 180.0
     steps: list[dict[str, Any]] = [{"action": "rest", "dwell_s": 3.0}]
     for _ in range(poses):
-        angles = {f"{a}_deg": float(np.round(rng.uniform(-reach, reach))) for a in TABLES[table]}
+        to: dict[str, Any] = {
+            f"{a}_deg": float(np.round(rng.uniform(-reach, reach))) for a in TABLES[table]
+        } or {"up": str(rng.normal(size=3).round(2).tolist())}
         dwell = float(rng.choice([0.5, 2.0, 4.0]))
-        steps.append({"action": "move", **angles, "rate_deg_s": 60.0, "dwell_s": dwell})
+        steps.append({"action": "move", **to, "rate_deg_s": 60.0, "dwell_s": dwell})
     return steps
 
 
@@ -144,65 +191,143 @@ def _refuse_constant(name: str) -> float:
     raise ValueError(f"{name} in JSON")
 
 
-def broken_rules(scenario: dict[str, Any], at: Path) -> list[Broken]:
-    """The rules that one scenario breaks. at: an empty folder."""
-    truth, honest, log = at / "truth.toml", at / "honest.toml", at / "log.csv"
-    shutil.copy(ARM, at)
-    truth.write_text(tomli_w.dumps(scenario))
-    honest.write_text(tomli_w.dumps({k: v for k, v in scenario.items() if k != "effect"}))
-    found: list[Broken] = []
+def _named(finding: dict[str, Any]) -> str:
+    tested = "" if finding["p_value"] is None else f" (p {finding['p_value']:.1g})"
+    return f"{finding['effect'] or 'nameless'}{tested}"
 
-    def asked(rule: str, *command: str, allowed: tuple[int, ...] = (0,)) -> bool:
+
+class Trial:
+    """The commands that one scenario goes through.
+
+    Args:
+        scenario: with its effects, as a file has it.
+        at: an empty folder.
+    """
+
+    def __init__(self, scenario: dict[str, Any], at: Path) -> None:
+        self.scenario, self.at, self.tried = scenario, at, Tried()
+        shutil.copy(ARM, at)
+        self._write("truth", scenario)
+        self._write("honest", {k: v for k, v in scenario.items() if k != "effect"})
+
+    def run(self) -> Tried:
+        """All of them."""
+        if not self.simulated("it is simulated", "truth", "log"):
+            return self.tried
+        answer = self.diagnosed("it is diagnosed", "log", "honest.toml", "out")
+        if answer is None:
+            return self.tried
+        self._judge(answer)
+        shutil.copy(self.at / "out" / "amended.toml", self.at)
+        self._diagnose_again("itself", "log")
+        self.simulated("the amended scenario is simulated", "amended", "exact")
+        # no recording is without noise, and the amended scenario has what the user's one had
+        table = tomllib.loads((self.at / "amended.toml").read_text())
+        noise = [e for e in self.scenario["effect"] if e["id"].endswith("noise")]
+        self._write("noisy", {**table, "effect": [*table.get("effect", []), *noise]})
+        if self.simulated("the amended scenario with noise is simulated", "noisy", "again"):
+            self._diagnose_again("another", "again")
+        self._correct()
+        return self.tried
+
+    def asked(self, rule: str, *command: str, allowed: tuple[int, ...] = (0,)) -> bool:
+        """Whether a command ends as it may."""
         status, text = run(*command)
-        if status not in allowed or "internal error" in text or "Traceback" in text:
-            found.append(Broken(rule, f"{' '.join(command)}: {status}: {text[-600:]}"))
-            return False
-        return True
+        if status in allowed and "internal error" not in text and "Traceback" not in text:
+            return True
+        self._break(rule, f"{' '.join(command)}: {status}: {text[-600:]}")
+        return False
 
-    if not asked("it is simulated", "simulate", str(truth), "-o", str(log)):
-        return found
-    out = at / "out"
-    command = "diagnose", str(log), "--scenario", str(honest), "-o", str(out)
-    if not asked("it is diagnosed", *command, allowed=(0, 1)) or not out.exists():
-        return found
-    try:
-        text = (out / "diagnosis.json").read_text()
-        answer = json.loads(text, parse_constant=_refuse_constant)
-    except ValueError as e:
-        return [*found, Broken("JSON is finite", str(e))]
-    amended = str(out / "amended.toml")
-    again, more = str(at / "again.csv"), str(at / "again")
-    if asked("the amended scenario is simulated", "simulate", amended, "-o", again):
-        asked("and diagnosed", "diagnose", again, "--scenario", amended, "-o", more, allowed=(0, 1))
-    corrected = str(at / "corrected.csv")
-    if asked("it corrects", "correct", amended, str(log), "-o", corrected):
-        # what no single reading and temperature determines has no firmware
-        header = str(at / "firmware.h")
-        asked("it is exported", "export", amended, "-o", header, allowed=(0, 2))
-    if answer["verdict"] == "match":
-        unnamed = [f for f in answer["findings"] if f["effect"] is None]
-        found += [Broken("a match has no findings", f["statement"]) for f in unnamed]
-    before, after = (answer["fit"][k]["chi2_per_dof"] for k in ("before", "after"))
-    likelihood = [answer["fit"][k]["log_likelihood"] for k in ("before", "after")]
-    if answer["findings"] and before and after and likelihood[1] < likelihood[0] - 1e-6:
-        found.append(Broken("an answer makes the recording more likely", f"{likelihood}"))
-    return found
+    def simulated(self, rule: str, scenario: str, log: str) -> bool:
+        """Whether a scenario of the folder is simulated."""
+        files = self._file(f"{scenario}.toml"), "-o", self._file(f"{log}.csv")
+        return self.asked(rule, "simulate", *files)
+
+    def diagnosed(self, rule: str, log: str, scenario: str, out: str) -> dict[str, Any] | None:
+        """What a diagnosis says, as JSON; None where it does not."""
+        files = self._file(f"{log}.csv"), "--scenario", self._file(scenario)
+        if not self.asked(rule, "diagnose", *files, "-o", self._file(out), allowed=(0, 1)):
+            return None
+        try:
+            text = (self.at / out / "diagnosis.json").read_text()
+            answer: dict[str, Any] = json.loads(text, parse_constant=_refuse_constant)
+        except (OSError, ValueError) as e:
+            self._break("JSON is there and finite", str(e))
+            return None
+        return answer
+
+    def _diagnose_again(self, out: str, log: str) -> None:
+        answer = self.diagnosed(f"{out} is diagnosed again", log, "amended.toml", out)
+        if answer is not None:
+            self.tried.again[out] = [_named(f) for f in answer["findings"]]
+
+    def _correct(self) -> None:
+        amended = self._file("amended.toml")
+        files = self._file("log.csv"), "-o", self._file("corrected.csv")
+        if self.asked("it corrects", "correct", amended, *files):
+            # what no single reading and temperature determines has no firmware
+            header = self._file("firmware.h")
+            self.asked("it is exported", "export", amended, "-o", header, allowed=(0, 2))
+
+    def _judge(self, answer: dict[str, Any]) -> None:
+        if answer["verdict"] == "match":
+            for finding in answer["findings"]:
+                if finding["effect"] is None:
+                    self._break("a match has no findings", finding["statement"])
+        before, after = (answer["fit"][k] for k in ("before", "after"))
+        fitted = answer["findings"] and before["chi2_per_dof"] and after["chi2_per_dof"]
+        likelihood = before["log_likelihood"], after["log_likelihood"]
+        if fitted and likelihood[1] < likelihood[0] - 1e-6:
+            self._break("an answer makes the recording more likely", f"{likelihood}")
+
+    def _break(self, rule: str, found: str) -> None:
+        self.tried.broken.append(Broken(rule, found))
+
+    def _file(self, name: str) -> str:
+        return str(self.at / name)
+
+    def _write(self, name: str, table: dict[str, Any]) -> None:
+        (self.at / f"{name}.toml").write_text(tomli_w.dumps(table))
 
 
-def tell(count: int, seed: int, place: Path | None = None) -> int:
-    """Try so many scenarios and print what broke; their number."""
-    wrong = 0
+def tell(count: int, seed: int, limit: float, place: Path | None = None) -> int:
+    """Try so many scenarios and print what came of them.
+
+    Args:
+        count: how many.
+        seed: of their draws.
+        limit: processor time of each, s.
+        place: folder that keeps their files; none are kept without.
+
+    Returns:
+        how many break a rule or the limit.
+    """
+    wrong, again = 0, list[bool]()
     for k in range(count):
         scenario = random_scenario(np.random.default_rng([seed, k]))
-        with tempfile.TemporaryDirectory() as name:
-            at = Path(name) if place is None else place / f"{seed}_{k}"
+        ids = " ".join(e["id"] for e in scenario["effect"] if not e["id"].endswith("noise"))
+        name = f"{seed} {k} {scenario['name']}: {ids or 'no cause'}"
+        began = time.process_time()
+        with tempfile.TemporaryDirectory() as folder_:
+            at = Path(folder_) if place is None else place / f"{seed}_{k}"
             at.mkdir(parents=True, exist_ok=True)
-            rules = broken_rules(scenario, at)
-        ids = [e["id"] for e in scenario["effect"]]
-        for rule in rules:
-            print(f"{seed} {k} {ids}: {rule.rule}: {rule.found}", flush=True)
-        wrong += bool(rules)
-    print(f"{count - wrong} of {count} scenarios keep all rules", flush=True)
+            trial = Trial(scenario, at)
+            try:
+                with limited(limit):
+                    trial.run()
+            except OutOfTime:
+                print(f"{name}: takes more than {limit:g} s", flush=True)
+                wrong += not trial.tried.broken
+        print(f"{name}: {time.process_time() - began:.0f} s", flush=True)
+        for rule in trial.tried.broken:
+            print(f"{name}: {rule.rule}: {rule.found}", flush=True)
+        for which, findings in trial.tried.again.items():
+            again.append(not findings)
+            if findings:
+                print(f"{name}: {which} again: {', '.join(findings)}", flush=True)
+        wrong += bool(trial.tried.broken)
+    print(f"{count - wrong} of {count} scenarios keep all rules within {limit:g} s")
+    print(f"{sum(again)} of {len(again)} diagnoses with the amended scenario find nothing")
     return wrong
 
 
@@ -211,5 +336,6 @@ if __name__ == "__main__":
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path, default=None, help="folder for all files")
+    parser.add_argument("--limit", type=float, default=180.0, help="processor time of each, s")
     given = parser.parse_args()
-    sys.exit(min(tell(given.count, given.seed, given.keep), 1))
+    sys.exit(min(tell(given.count, given.seed, given.limit, given.keep), 1))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from catalogue_cases import lively, plausible, sensors_for
 
+from tiltcal.api.instruments import instrument_of
 from tiltcal.api.simulating import pieces_of
 from tiltcal.calibration.correction import correct_pieces, corrected_columns
 from tiltcal.calibration.result import Calibration, Estimate
@@ -118,6 +119,41 @@ def test_pieces_are_corrected_as_the_whole_is(log, tmp_path):
     done = correct_pieces(read_pieces(path), calibration(), found.append)
     assert done.rows == ROWS
     assert_same(joined(found), log.with_columns(corrected_columns(log, calibration(), SETUP)))
+
+
+def test_curves_over_time_and_over_turn_rates_are_corrected_in_pieces(tmp_path):
+    """Curves that a diagnosis found on a rate sensor: over the time since the start of the
+    recording, and over the rate of a table axis, which its readout tells.
+    """
+    curve = {"id": "learned", "sensor": "gyro", "role": "found"}
+    drift = {"axis": "x", "coordinate": "time", "knots": [0.0, 1500.0]}
+    of_rate = {"axis": "y", "coordinate": "turn_rate_inner", "power": 1, "odd": True}
+    effects = [
+        curve | drift | {"coefficients": [0.0, 0.03]},
+        curve | of_rate | {"coefficients": [0.02]},
+    ]
+    amended = parse_scenario(
+        {"schema": 1, **SETUP.model_dump(mode="json", exclude_none=True), "effect": effects}
+    )
+    time = np.arange(ROWS) / 100
+    columns = {f"gyro_{a}_rad_s": np.zeros(ROWS) for a in "xyz"}
+    columns["gyro_x_rad_s"] += 0.03 * time / 1500
+    columns["gyro_y_rad_s"] += 0.02 * 0.5 * np.cos(0.5 * time)
+    inner = np.degrees(np.sin(0.5 * time))
+    inner[70_000:70_005] = np.nan
+    columns["table_inner_deg"] = inner
+    log = Recording.from_columns(time, columns)
+    write_recording(log, path := tmp_path / "log.parquet")
+    found = instrument_of(amended)
+    pieces = []
+    correct_pieces(read_pieces(path), found, pieces.append)
+    assert len(pieces) > 2
+    corrected = joined(pieces)
+    assert_same(corrected, log.with_columns(corrected_columns(log, found, amended)))
+    for axis in "xy":
+        left = corrected.column(f"gyro_{axis}_corrected_rad_s")
+        # the last row has but one neighbour, 0.01 s before: half of that times 0.25 rad/s2
+        assert np.abs(left).max() < 1.01 * 0.02 * 0.25 * 0.005
 
 
 def test_reading_and_correcting_tell_the_time_left(log, tmp_path, monkeypatch):

@@ -119,12 +119,71 @@ class Force:
         return iter((self.time, self.values))
 
 
+@dataclass(frozen=True)
+class Surroundings:
+    """The recording around a piece of it.
+
+    Args:
+        began: its first stamp, s.
+        before: the piece before; None of the first.
+        after: the piece after; None of the last.
+    """
+
+    began: float
+    before: Recording | None = None
+    after: Recording | None = None
+
+    def turn_rates(self, piece: Recording, setup: Setup) -> dict[str, Array]:
+        """Rates of the table axes that were read, by the rows on either side, rad/s, (n,)."""
+        return {
+            axis: np.interp(piece.time, time, _central_rate(time, angle))
+            for axis in setup.rig.axis_names
+            for time, angle in [self._read(axis, piece)]
+            if len(time)
+        }
+
+    def _read(self, axis: str, piece: Recording) -> tuple[Array, Array]:
+        """When an axis was read, s, and where it was, rad, (m,) each: in the piece, and once before
+        and after it.
+        """
+        parts = []
+        for recording, rows in (
+            (self.before, slice(-1, None)),
+            (piece, slice(None)),
+            (self.after, slice(1)),
+        ):
+            angle = None if recording is None else recording.table(axis)
+            if recording is not None and angle is not None:
+                read = np.flatnonzero(~np.isnan(angle))[rows]
+                parts.append((recording.time[read], angle[read]))
+        if not parts:
+            return np.zeros(0), np.zeros(0)
+        return np.concatenate([t for t, _ in parts]), np.concatenate([u for _, u in parts])
+
+
+def _central_rate(time: Array, angle: Array) -> Array:
+    """Rate of the parabola through a row and its neighbours, at the ends of the line to the only
+    one, rad/s, (m,). As it depends on no other row, a piece has the rates of the whole to the bit.
+
+    Args:
+        time: s, increasing, (m,).
+        angle: rad, (m,).
+    """
+    if len(time) < 2:
+        return np.zeros(len(time))
+    step = np.diff(time)
+    slope = np.diff(angle) / step
+    inner = (slope[:-1] * step[1:] + slope[1:] * step[:-1]) / (step[1:] + step[:-1])
+    return np.concatenate([slope[:1], inner, slope[-1:]])
+
+
 def corrected_columns(
     recording: Recording,
     calibration: Calibration,
     setup: Setup,
     force: Force | None = None,
     course: TemperatureCourse | None = None,
+    around: "Surroundings | None" = None,
 ) -> dict[str, Array]:
     """The columns that correction adds, full length: corrected readings in their own unit, and tilt
     where defined. (n,) each.
@@ -137,9 +196,10 @@ def corrected_columns(
         setup: of the recording.
         force: what g-sensitivities follow; the recording's own unless given.
         course: of the temperature; the recording's own unless given.
+        around: the recording that this is a piece of; none unless given.
     """
     columns: dict[str, Array] = {}
-    g = setup.site.gravity
+    g, around = setup.site.gravity, around or Surroundings(float(recording.time[0]))
     terms = temperature_terms(calibration, setup)
     if terms is not None and course is None:
         course = thermal_course(recording, ThermalStream(terms))
@@ -150,6 +210,8 @@ def corrected_columns(
             force_of_tilt(samples.values, g) if sensor.kind == "inclinometer" else samples.values
         )
         given = _given(recording, calibration, setup, sensor, samples, force)
+        rates = {a: v[samples.rows] for a, v in around.turn_rates(recording, setup).items()}
+        given = replace(given, elapsed=samples.time - around.began, turn_rates=rates)
         if course is not None:
             at = at_rows(course, samples.rows)
             warm = at.level - (calibration.of_sensor(sensor, g).reference_degC or 0.0)
@@ -220,7 +282,7 @@ def _given(
     time, rows = samples.time, samples.rows
     model = calibration.of_sensor(sensor, setup.site.gravity)
     given = Sense.at_rest(sensor, model.gravity, np.zeros((len(time), 3)))
-    given = replace(given, time=time, elapsed=time - time[:1].sum())
+    given = replace(given, time=time)
     reference = model.reference_degC
     if (name := recording.channel("temperature")) is not None and reference is not None:
         given = replace(given, temperature=held(recording.column(name))[rows] - reference)
@@ -277,9 +339,9 @@ def correct_pieces(
     done = Corrected()
     terms = temperature_terms(calibration, setup)
     stream = None if terms is None else ThermalStream(terms)
-    for piece, force in _with_force(pieces, calibration, setup):
+    for piece, force, around in _with_surroundings(_with_force(pieces, calibration, setup)):
         course = None if stream is None else thermal_course(piece, stream)
-        added = corrected_columns(piece, calibration, setup, force, course)
+        added = corrected_columns(piece, calibration, setup, force, course, around)
         write(piece.with_columns(added))
         done.count(piece, added, calibration)
     return done
@@ -309,3 +371,19 @@ def _with_force(
     for piece, force in waiting:
         yield piece, last.then(force)
         last = force[-1:] if len(force.time) else last
+
+
+def _with_surroundings(
+    pieces: Iterable[tuple[Recording, Force | None]],
+) -> Iterator[tuple[Recording, Force | None, Surroundings]]:
+    """Each piece with its force and those around it. A piece waits for the next one."""
+    began, before, waiting = 0.0, None, None
+    for coming in pieces:
+        if waiting is None:
+            began = float(coming[0].time[0])
+        else:
+            yield *waiting, Surroundings(began, before, coming[0])
+            before = waiting[0]
+        waiting = coming
+    if waiting is not None:
+        yield *waiting, Surroundings(began, before)

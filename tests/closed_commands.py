@@ -168,7 +168,12 @@ def _conceal(scenario: dict[str, Any], rng: np.random.Generator) -> None:
         axes = tuple(sensor["axes"]) if sensor else ()
         effect: dict[str, Any] = {"id": cls.id}
         effect |= {"sensor": sensor["name"]} if sensor else {}
-        effect |= words(cls, axes, float(10 ** rng.uniform(-1, 0.5)), int(rng.integers(3)))
+        part, size = int(rng.integers(3)), float(10 ** rng.uniform(-1, 0.5))
+        sizes = words(cls, axes, 1.0 if cls.mislabels else size, part)
+        if cls.mislabels:  # a column is exchanged or turned round, or it is not
+            name = str(rng.choice(list(sizes)))
+            sizes = {name: cls.parameters[0].plausible[part]}
+        effect |= sizes
         with contextlib.suppress(TiltcalError, ValueError):
             table = {**scenario, "effect": [*scenario["effect"], effect]}
             parse_scenario(table, folder=ARM.parent)

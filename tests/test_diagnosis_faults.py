@@ -22,7 +22,7 @@ from tiltcal.diagnosis.conclusions.finding import verdict_of
 from tiltcal.diagnosis.conclusions.statements import implausible
 from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.diagnosis.data_faults.inspection import LeftOut, by_recording, inspect
-from tiltcal.diagnosis.data_faults.lost_samples import lost_as_another
+from tiltcal.diagnosis.data_faults.lost_samples import loss_by_moves, lost_as_another
 from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.data_faults.readout_jumps import jump_of
 from tiltcal.diagnosis.data_faults.units_signs_axes import find_labelling_faults
@@ -354,6 +354,21 @@ def test_samples_that_were_lost_are_counted_and_the_rest_moved_back(truth, sound
     repaired = found.observations.recordings[0].column("accel_x_m_s2")
     later = slice(at + 150, len(repaired) - lost)
     np.testing.assert_array_equal(repaired[later], x_of(sound)[later])
+
+
+@pytest.mark.parametrize(
+    ("early", "told"),
+    [
+        ([0, 0, 0, 0, 20, 19, 20, 20], (3, 4, 20)),  # lost in the rest before the fifth
+        ([3, 0, 0, 0, 14, 20, 19, 19, 20, 19, 20, 20], (3, 5, 20)),  # amid the fifth, the first off
+        ([0, 0, 0, 30, 20, 20, 20], None),  # no move comes earlier than all that was lost
+        ([0, 0, 7, 14, 20, 20, 20, 20], None),  # two between: no one loss
+        ([20, 20, 20, 20, 20, 20, 20], None),  # a latency
+        ([0, 0, 0, 9, 20, 20], None),  # five moves tell too little
+    ],
+)
+def test_a_loss_is_told_by_the_moves_before_and_after_it(early, told):
+    assert loss_by_moves(np.array(early)) == told
 
 
 def test_samples_after_a_loss_come_back_to_their_rows_past_rows_that_are_empty(truth, sound):

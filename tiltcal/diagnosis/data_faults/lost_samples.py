@@ -7,7 +7,7 @@ from functools import reduce
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.channels import shifted
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.data_faults.fault import Fault
@@ -21,6 +21,10 @@ MOST = 80  # samples
 FAR = 8.0  # times the noise: a smaller misfit in moves is left to the scan of small effects
 BESIDE = 1.0  # s of rest beside a move
 SURE = 4.0  # sigma, of the instant
+# moves that tell of a loss: lags without meaning agree to a sample in 3 of MOST, five times 1e-7
+FEWEST = 6
+# share of them, at least, in time before it and early by it afterwards: one in ten is spoiled
+AGREEING = 0.9
 
 
 def find_lost_samples(
@@ -100,22 +104,37 @@ def _loss(own: Sequence[tuple[Channel, Array]]) -> tuple[float, int] | None:
     on.
     """
     lags = [found for span in _moves(own[0][0]) if (found := _lag(own, *span)) is not None]
-    if len(lags) < 6:
+    found = loss_by_moves(np.array([lag for *_, lag in lags]))
+    if found is None:
         return None
-    early = np.array([lag for *_, lag in lags])
-    best: tuple[float, int, int] | None = None
-    for k in range(2, len(lags) - 1):
-        lost = int(np.median(early[k:]))
-        agree = float(
-            np.mean(np.concatenate([np.abs(early[:k]) <= 1, np.abs(early[k:] - lost) <= 1]))
-        )
-        if lost >= 2 and (best is None or agree > best[0]):
-            best = (agree, k, lost)
-    alike = float(np.mean(np.abs(early - np.median(early)) <= 1))
-    if best is None or best[0] < 0.9 or best[0] <= alike:  # as early from the first move on
-        return None
-    _, k, lost = best
-    return _instant(own, lags[k - 1][0], lags[k][1], lost), lost
+    last, first, lost = found
+    return _instant(own, lags[last][0], lags[first][1], lost), lost
+
+
+def loss_by_moves(early: Index) -> tuple[int, int, int] | None:
+    """The last move in time, the first that comes early as a whole, and by how many samples; None
+    when moves are not early from one of them on.
+
+    One move between the two may come early by any part of that: what is lost amid a move leaves its
+    beginning in time.
+
+    Args:
+        early: by how many samples each move comes early, (m,).
+    """
+    best: tuple[float, int, int, int] | None = None
+    for first in range(2, len(early) - 1):
+        lost = int(np.median(early[first:]))
+        for last in (first - 1, first - 2):
+            amid = early[last + 1 : first]
+            told = np.abs(np.concatenate([early[: last + 1], early[first:] - lost])) <= 1
+            if last < 1 or lost < 2 or len(told) < FEWEST or np.any((amid < 0) | (amid > lost)):
+                continue
+            agree = float(np.mean(told))
+            if best is None or agree > best[0]:
+                best = (agree, last, first, lost)
+    alike = float(np.mean(np.abs(early - np.median(early)) <= 1)) if len(early) else 0.0
+    # as early from the first move on
+    return None if best is None or best[0] < AGREEING or best[0] <= alike else best[1:]
 
 
 def _instant(own: Sequence[tuple[Channel, Array]], start: float, end: float, lost: int) -> float:

@@ -30,6 +30,7 @@ import tomli_w
 
 from tests.catalogue_cases import words
 from tiltcal.cli import main
+from tiltcal.cli.signals import INTERRUPTED, TERMINATED
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects import CATALOGUE
@@ -189,6 +190,8 @@ def run(*words_: str) -> tuple[int, str]:
             status = main(list(words_))
         except SystemExit as end:
             status = end.code
+    if status in (INTERRUPTED, TERMINATED):
+        raise KeyboardInterrupt
     return int(status or 0), out.getvalue()
 
 

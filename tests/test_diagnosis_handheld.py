@@ -410,3 +410,27 @@ def test_only_what_no_curve_over_temperature_does_is_called_late(late, step):
     found = diagnose(HEATED, [Recording.from_columns(time, columns)]).findings
     assert any("acc_temp_bias" in f.names or f.effect is None for f in found)
     assert any("warming and cooling differ" in f.statement for f in found) == late
+
+
+def test_a_fog_beside_an_accelerometer_only_is_diagnosed():
+    """No gyro triad tells the rate that the FOG felt: only its rests are known."""
+    moves = [
+        {"action": "move", "up": up, "rate_deg_s": 60.0, "dwell_s": 3.0}
+        for up in ("[1, 0.2, 0]", "[0, 1, 0.3]", "[0.5, 0, 1]", "[-1, 0.4, 0.2]", "[0, -1, 0.5]")
+    ]
+    accel = {"name": "accel", "kind": "accelerometer", "rate_hz": 25.0}
+    fog = {"name": "fog", "kind": "fog", "axes": ["a"], "input_axis": [0.6, 0.0, 0.8]}
+    fog |= {"rate_hz": 50.0, "adjustable": ["bias", "scale"]}
+    table = {
+        "schema": 1,
+        "site": {"gravity_m_s2": G, "latitude_deg": 45.0},
+        "rig": {"table": "handheld"},
+        "sensor": [accel | {"adjustable": ["bias", "scale", "cross_axis"]}, fog],
+        "sequence": moves,
+    }
+    noise = [
+        {"id": "acc_noise", "white_ug_rthz": 30.0},
+        {"id": "gyr_noise", "white_deg_rth": 0.003},
+    ]
+    recording = SimulatedLaboratory().record(parse_scenario(table | {"effect": noise}), 2)
+    assert diagnose(parse_scenario(table), [recording]).findings == ()

@@ -170,8 +170,8 @@ class HandheldMotion:
                 else rows[self.stop[rows] >= 0]
             )
             mean = full if sensor.kind == "accelerometer" else self.mean
-            if sensor.kind == "fog":
-                rate = earlier(rate, self.recording.time, self.effects, sensor, self._gyro())
+            if sensor.kind == "fog" and (gyro := self._gyro()) is not None:
+                rate = earlier(rate, self.recording.time, self.effects, sensor, gyro)
             felt = sense_of(
                 sensor, self.scenario, self.recording, force[rows], rate[rows], rows=rows
             )
@@ -195,8 +195,10 @@ class HandheldMotion:
             )
         return self._starts[key]
 
-    def _gyro(self) -> Sensor:
-        return next(s for s in self.scenario.sensors("gyro") if s.name in self.matrices)
+    def _gyro(self) -> Sensor | None:
+        """The triad that gives the rate; None where a FOG has none beside it."""
+        gyros = self.scenario.sensors("gyro")
+        return next((s for s in gyros if s.name in self.matrices), None)
 
     def rest_means(self, values: Array) -> Array:
         """Means over each rest, (n, k, p) -> (rests, k, p); 0 where no force is known."""

@@ -268,3 +268,9 @@ def test_a_play_is_crossed_over_its_travel_with_its_own_rate():
     at_once = crossed(angle, 0.0)
     np.testing.assert_array_equal(at_once.x, motion_direction(angle))
     assert not at_once.v.any()
+
+
+def test_a_lag_along_instants_that_go_back_has_no_output():
+    """A delay that is tried may grow faster than time."""
+    time = np.array([0.0, 0.1, 0.05, 0.2, 0.3])
+    assert np.isnan(smooth_lag(time, np.sin(time), 0.01)).all()

@@ -139,8 +139,9 @@ def _lagged(times: bytes, values: bytes, tau: float) -> Array:
 
 
 def smooth_lag(time: Array, u: Array, tau: float) -> Array:
-    """Output of 1/(1 + tau s) for an input that is smooth between samples, starting in equilibrium.
-    time, u: (n,).
+    """Output of 1/(1 + tau s) for an input that is smooth between samples, starting in equilibrium;
+    NaN where the instants do not increase, as by a delay that grows faster than time: no such
+    reading exists. time, u: (n,).
 
     On each interval of the cubic spline through the samples y = p + (y0 - p0) exp(-t / tau), where
     p is u less tau times its slope and so on to the third derivative. A lag much shorter than the
@@ -149,6 +150,8 @@ def smooth_lag(time: Array, u: Array, tau: float) -> Array:
     """
     if tau <= 0 or len(u) < 4:
         return first_order_lag(time, u, tau)
+    if not (np.diff(time) > 0).all():
+        return np.full(len(u), np.nan)
     from scipy.interpolate import CubicSpline
 
     third, second, slope, _ = CubicSpline(time, u).c  # of u = slope h + second h^2 + third h^3

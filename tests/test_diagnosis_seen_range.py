@@ -7,6 +7,7 @@ import pytest
 from builders import effect_of
 from diagnosis_fixtures import bench, honest, recorded
 
+from tiltcal.core.units import G0
 from tiltcal.diagnosis.conclusions.concluding import _beyond_seen
 from tiltcal.diagnosis.conclusions.seen_range import seen_range
 from tiltcal.diagnosis.data_faults.prepare import prepare
@@ -15,6 +16,8 @@ from tiltcal.diagnosis.hypotheses.motion_curves import motion_of_readings
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.effects.spans import SpectralLines
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import parse_scenario
 
 KNOTS = (-1.0, 0.0, 1.0)
 CURVE = LearnedReading({"c0": 1.0, "c1": 0.0}, "accel", "x", "found")
@@ -122,3 +125,24 @@ def test_beyond_what_was_seen_a_textbook_form_goes_on_and_what_completes_it_hold
     assert (kept, same) == (form, turned)
     assert held == replace(warm, holds=True)
     assert _beyond_seen([warm, turned]) == [warm, turned]
+
+
+def test_the_input_of_an_inclinometer_is_the_force_that_tilts_it():
+    """It reads an angle, and feels g times its sine: 30 deg are g / 2."""
+    sensor = {"name": "incl", "kind": "inclinometer", "rate_hz": 10, "axes": ["x", "y"]}
+    tilts = (0, 30, -30)
+    table = {
+        "schema": 1,
+        "site": {"gravity_m_s2": 9.81},
+        "rig": {"table": "dual"},
+        "sensor": [sensor],
+        "sequence": [
+            {"action": "move", "outer_deg": tilt, "rate_deg_s": 30, "dwell_s": 2} for tilt in tilts
+        ],
+    }
+    told = parse_scenario(table)
+    observations = prepare(told, [SimulatedLaboratory().record(told)]).observations
+    curve = LearnedReading(CURVE.values, "incl", "x", coordinate="input", knots=KNOTS)
+    seen = seen_range(curve, observations)
+    half = 0.5 * 9.81 / G0
+    assert (seen.low, seen.high, seen.unit) == (pytest.approx(-half), pytest.approx(half), "g")

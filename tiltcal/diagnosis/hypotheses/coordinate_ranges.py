@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
+from tiltcal.core.frames import force_of_tilt
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.effects.curve_coordinates import INPUTS, TURN_RATE, turned_by
@@ -119,6 +120,8 @@ def _inputs(observations: Observations) -> Ranges:
     found: Ranges = {}
     for channel in observations.channels:
         values, key = _readings(channel, observations), f"{channel.sensor}_input"
+        if observations.scenario.named(channel.sensor).kind == "inclinometer":
+            values = force_of_tilt(values, observations.scenario.site.gravity)
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         known = found.get(key, (low, high))
         found[key] = (min(low, known[0]), max(high, known[1]))

@@ -15,7 +15,6 @@ import contextlib
 import io
 import json
 import shutil
-import signal
 import sys
 import tempfile
 import time
@@ -29,6 +28,7 @@ import numpy as np
 import tomli_w
 
 from tests.catalogue_cases import words
+from tests.fuzz.judging import alarm
 from tiltcal.cli import main
 from tiltcal.cli.signals import INTERRUPTED, TERMINATED
 from tiltcal.core.assets import folder
@@ -100,13 +100,8 @@ def limited(seconds: float) -> Iterator[None]:
     def stop(*_: object) -> None:
         raise OutOfTime
 
-    before = signal.signal(signal.SIGPROF, stop)
-    signal.setitimer(signal.ITIMER_PROF, seconds)
-    try:
+    with alarm(stop, seconds, of_processor=True):
         yield
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0)
-        signal.signal(signal.SIGPROF, before)
 
 
 def random_scenario(rng: np.random.Generator) -> dict[str, Any]:

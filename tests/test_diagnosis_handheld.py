@@ -29,10 +29,11 @@ from tiltcal.diagnosis.hypotheses.curves import lags_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.search.best_shape import normalise_tone_phase
-from tiltcal.effects import make_effect
+from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.hysteresis_and_lag import LAGS, first_order_lag
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.forward.gravity_transport import GravityTransport, Windows, turns_between
+from tiltcal.laboratory.handheld import inverted, sensor_matrix
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
@@ -434,3 +435,23 @@ def test_a_fog_beside_an_accelerometer_only_is_diagnosed():
     ]
     recording = SimulatedLaboratory().record(parse_scenario(table | {"effect": noise}), 2)
     assert diagnose(parse_scenario(table), [recording]).findings == ()
+
+
+def test_a_triad_is_inverted_as_its_matrix_says():
+    """Scales, cross-axis terms and biases by hand: what was read gives back what was felt."""
+    matrix = np.array([[1.05, 0.04, 0.0], [0.0, 0.98, 0.03], [-0.02, 0.0, 1.01]])
+    bias = np.array([0.2, -0.1, 0.05])
+    sizes = {
+        "acc_scale": {"scale_x": 0.05, "scale_y": -0.02, "scale_z": 0.01},
+        "acc_cross_axis": {"cross_xy": 0.04, "cross_yz": 0.03, "cross_zx": -0.02},
+        "acc_bias": {"bias_x": 0.2, "bias_y": -0.1, "bias_z": 0.05},
+    }
+    effects = [CATALOGUE[id](values, "accel") for id, values in sizes.items()]
+    (triad,) = TRIADS.sensors("accelerometer")
+    np.testing.assert_allclose(sensor_matrix(triad, effects), matrix)
+    force = rng_of("inverted").normal(size=(50, 3)) * G
+    read = force @ matrix.T + bias
+    columns = {f"accel_{a}_m_s2": read[:, k] for k, a in enumerate("xyz")}
+    recording = Recording.from_columns(np.arange(50) / 50, columns)
+    found = inverted(triad, TRIADS, recording, effects, None, read)
+    np.testing.assert_allclose(found, force, atol=1e-8)

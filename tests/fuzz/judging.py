@@ -133,7 +133,7 @@ def ended(arguments: tuple[str, ...]) -> Ending:
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
         warnings.catch_warnings(record=True) as warned,
-        alarm(overdue),
+        alarm(overdue, LONGEST_S),
         mock.patch.object(cli, "_unexpected", keeping),
     ):
         warnings.simplefilter("always")
@@ -152,15 +152,17 @@ def ended(arguments: tuple[str, ...]) -> Ending:
 
 
 @contextlib.contextmanager
-def alarm(ring: object) -> Iterator[None]:
-    """A call after the longest time that a command may take."""
-    before = signal.signal(signal.SIGALRM, ring)  # type: ignore[arg-type]
-    signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
+def alarm(ring: object, seconds: float, *, of_processor: bool = False) -> Iterator[None]:
+    """A call after so much time, s, or so much time of the processor."""
+    kind = signal.SIGPROF if of_processor else signal.SIGALRM
+    timer = signal.ITIMER_PROF if of_processor else signal.ITIMER_REAL
+    before = signal.signal(kind, ring)  # type: ignore[arg-type]
+    signal.setitimer(timer, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(timer, 0)
+        signal.signal(kind, before)
 
 
 def verdict(

@@ -163,7 +163,8 @@ class Surroundings:
 
 def _central_rate(time: Array, angle: Array) -> Array:
     """Rate of the parabola through a row and its neighbours, at the ends of the line to the only
-    one, rad/s, (m,). As it depends on no other row, a piece has the rates of the whole to the bit.
+    one, rad/s, (m,). As it depends on no other row, a piece has the rates of the whole to the bit:
+    np.gradient takes another formula, of other rounding, where all steps are equal.
 
     Args:
         time: s, increasing, (m,).
@@ -183,7 +184,7 @@ def corrected_columns(
     setup: Setup,
     force: Force | None = None,
     course: TemperatureCourse | None = None,
-    around: "Surroundings | None" = None,
+    around: Surroundings | None = None,
 ) -> dict[str, Array]:
     """The columns that correction adds, full length: corrected readings in their own unit, and tilt
     where defined. (n,) each.
@@ -200,6 +201,7 @@ def corrected_columns(
     """
     columns: dict[str, Array] = {}
     g, around = setup.site.gravity, around or Surroundings(float(recording.time[0]))
+    turn_rates = around.turn_rates(recording, setup)
     terms = temperature_terms(calibration, setup)
     if terms is not None and course is None:
         course = thermal_course(recording, ThermalStream(terms))
@@ -210,7 +212,7 @@ def corrected_columns(
             force_of_tilt(samples.values, g) if sensor.kind == "inclinometer" else samples.values
         )
         given = _given(recording, calibration, setup, sensor, samples, force)
-        rates = {a: v[samples.rows] for a, v in around.turn_rates(recording, setup).items()}
+        rates = {axis: rate[samples.rows] for axis, rate in turn_rates.items()}
         given = replace(given, elapsed=samples.time - around.began, turn_rates=rates)
         if course is not None:
             at = at_rows(course, samples.rows)

@@ -25,12 +25,22 @@ METHOD = '''
 """Six faces, slowly; or a method that its own option loses."""
 import os
 import time
+from pathlib import Path
 
 from tiltcal.calibration.methods.registry import calibrate
 
 
+def held():
+    try:
+        return Path("made").stat().st_size >= int(Path("hold").read_text())
+    except FileNotFoundError:
+        return False
+
+
 def slow(recording, setup, *, seconds=0.0, ends=-1, hangs=-1, eats=-1):
     time.sleep(seconds)
+    while held():
+        time.sleep(0.01)
     with open("made", "a") as file:
         file.write(".")
     seed = int(recording.metadata["seed"])
@@ -84,9 +94,12 @@ def _said(command: list[str], status: int) -> str:
 
 @contextmanager
 def started(*words: str, after: int) -> Iterator[subprocess.Popen]:
-    """A campaign of which about so many runs are made; it is ended with the block."""
-    made = Path("made")
+    """A campaign of which about so many runs are made, one of them in its journal: the others wait
+    until the file ``hold`` is gone. It is ended with the block.
+    """
+    made, hold = Path("made"), Path("hold")
     made.unlink(missing_ok=True)
+    hold.write_text(f"{after}")
     with subprocess.Popen(
         [*COMMAND, *words], stderr=subprocess.PIPE, text=True, preexec_fn=_interruptible
     ) as process:
@@ -96,8 +109,10 @@ def started(*words: str, after: int) -> Iterator[subprocess.Popen]:
                 assert process.poll() is None
                 assert time.monotonic() < until
                 time.sleep(0.01)
+            assert any(" runs, " in line for line in process.stderr)
             yield process
         finally:
+            hold.unlink(missing_ok=True)
             process.kill()
 
 
@@ -167,6 +182,7 @@ def test_an_interrupt_leaves_a_journal_and_no_processes(here):
     with started("-o", "out", "-j", "2", after=2) as process:
         children = _children(process.pid)
         process.send_signal(signal.SIGINT)
+        Path("hold").unlink()
         assert process.wait(20) == 130
     _wait_for_the_end_of(children)
     assert Path("out/results.journal").exists()
@@ -176,6 +192,7 @@ def test_an_interrupt_leaves_a_journal_and_no_processes(here):
 def test_a_process_that_is_killed_from_outside_costs_nothing(whole):
     with started("-o", "out", "-j", "2", after=2) as process:
         os.kill(_children(process.pid)[0], signal.SIGKILL)
+        Path("hold").unlink()
         process.stderr.read()
         assert process.wait() == 0
     assert Path("out/results.parquet").read_bytes() == whole
@@ -211,11 +228,13 @@ def test_a_dask_worker_and_the_scheduler_may_be_killed(whole):
     with cluster("8907") as (address, scheduler, workers):
         with started("-o", "out", "--engine", f"dask://{address}", after=2) as process:
             workers[0].kill()
+            Path("hold").unlink()
             process.stderr.read()
             assert process.wait() == 0
         assert Path("out/results.parquet").read_bytes() == whole
         with started("-o", "more", "--engine", f"dask://{address}", after=2) as process:
             scheduler.kill()
+            Path("hold").unlink()
             said = process.stderr.read()
             assert process.wait() == 2
         assert "lost with its workers or its scheduler" in said

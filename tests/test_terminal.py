@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from tiltcal.cli import main
+from tiltcal.cli import main, output
 from tiltcal.cli.commands import COMMANDS
 from tiltcal.cli.output import fitted_widths, print_table
 from tiltcal.core.progress import Stages
@@ -150,8 +150,6 @@ def test_quiet_leaves_errors_and_results(good, here, capsys):
 @pytest.fixture
 def told(monkeypatch):
     """What commands tell of their progress."""
-    from tiltcal.cli import output
-
     words = []
     monkeypatch.setattr(output._Lines, "show", lambda _, text: words.append(text))
     return words
@@ -235,3 +233,19 @@ def test_no_colour_in_a_pipe(capsys):
     assert main(["methods"]) == 0
     assert "\x1b" not in capsys.readouterr().out
     assert not sys.stdout.isatty()
+
+
+def test_a_reminder_keeps_no_new_line_back(monkeypatch, capsys):
+    """New text is written also right after what a silence was filled with."""
+    monkeypatch.setattr(output, "SILENCE_S", 0.5)
+    lines = output._Lines()
+    try:
+        until = time.monotonic() + 10
+        while not (told := capsys.readouterr().err):
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        assert told.startswith("working ... ")
+        lines.show("4 of 10 runs")
+        assert capsys.readouterr().err.startswith("4 of 10 runs\n")
+    finally:
+        lines.close()

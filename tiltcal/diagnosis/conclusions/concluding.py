@@ -131,7 +131,7 @@ def _unlisted(
 def _named(finding: Finding, term: FittedTerm, names: Names, law: WholeLaw) -> Finding:
     """The finding under its name, with the names that the recording cannot tell from it."""
     effect, id = term.effect, term.hypothesis.id
-    alike = tuple(dict.fromkeys((id, *names.alike, *([UNLISTED] if names.in_doubt else []))))
+    alike = tuple(dict.fromkeys((id, *names.members)))
     parameters = {} if isinstance(effect, Learned) else _parameters(term, law)
     return replace(
         finding,

@@ -3,8 +3,9 @@ names and as a hypothesis that no list has, and from these the probability of ev
 none.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import logsumexp, ndtr
@@ -95,6 +96,11 @@ class Names:
     late: bool = False
     in_doubt: bool = False
     perhaps: tuple[str, ...] = ()
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """The class: the names that are alike, and ``unlisted`` where that is needed."""
+        return (*self.alike, *((UNLISTED,) if self.in_doubt else ()))
 
     @property
     def listed(self) -> bool:
@@ -372,12 +378,37 @@ FIRST_ORDER = 0.01  # of what a law explains, by which its column may differ fro
 
 def candidates_for_cause(state: State, k: int, scan: Scan) -> list[Candidate]:
     """Everything that may stand in the place of a cause, all others being as they are."""
-    rest, whitened, cause = without(state, k), state.whitened, state.causes[k]
-    terms = state.terms(k)
-    own = explanation_of(terms, cause.tried, rest.fitted, whitened)
-    law, every = terms[0].hypothesis, looked_at(rest, scan)
+    rest, cause = without(state, k), state.causes[k]
+    own = explanation_of(state.terms(k), cause.tried, rest.fitted, state.whitened)
+    fitted = partial(_fitted, state, k)
+    mine = Proposal(own, cause.log_prior)
+    rows = candidates_in_place(rest, scan, mine, fitted, again=_is_again(state, k))
+    return [*rows, *misfits(state, k, rows)]
+
+
+def candidates_in_place(
+    rest: State,
+    scan: Scan,
+    mine: Proposal | None = None,
+    fitted: Callable[[list[Candidate], float], Iterable[Candidate]] | None = None,
+    again: bool = False,
+) -> list[Candidate]:
+    """Everything that may stand in one place of a model, but for what nameless causes leave.
+
+    Args:
+        rest: the model without the cause in this place.
+        scan: of the hypotheses.
+        mine: the cause that stands there, the first of the candidates; the most probable if not
+            given.
+        fitted: candidates at their own fit, from those to first order and what the likelihood is
+            coarsened by; to first order if not given.
+        again: whether the cause's name is in the model again.
+    """
+    every = looked_at(rest, scan)
+    mine = mine or max(every, key=lambda p: p.score)
+    own, law = mine.explanation, mine.explanation.hypothesis
     coarse = coarsened(max(e.gain for e in (own, *(p.explanation for p in every))))
-    rows = [row_of(own, cause.log_prior, coarse)]
+    rows = [row_of(own, mine.log_prior, coarse)]
     known = {id(p.explanation.hypothesis) for p in every}
     first = [p for p in every if possible(p.explanation.terms[0])]
     for p in (*_at_its_shape(law, first, rest), *_at_its_instant(law, rest, scan)):
@@ -385,11 +416,10 @@ def candidates_for_cause(state: State, k: int, scan: Scan) -> list[Candidate]:
             rows.append(row_of(p.explanation, p.log_prior, coarse, p))
     top = max(row.coarse_score for row in rows)
     rows += _not_looked_at(rest, scan, known, coarse, top + np.log(LEAST))
-    rows = list(_with_listed_deviations(list(_fitted(state, k, rows, coarse)), own))
+    rows = list(_with_listed_deviations(list(fitted(rows, coarse) if fitted else rows), own))
     rows += of_other_source(rows, law)
     rows += [*of_any_form(rows, own, rest, scan, coarse), *completed(rows, own, rest, coarse)]
-    shares = partial_matches(rows, whitened.columns.width, _is_again(state, k))
-    return [*rows, *misfits(state, k, rows), *shares]
+    return [*rows, *partial_matches(rows, scan.width, again)]
 
 
 def _not_looked_at(

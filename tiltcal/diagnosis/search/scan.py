@@ -54,15 +54,21 @@ class Scan:
 
     Args:
         whitened: their columns under the noise.
+        among: of some hypotheses among many: log prior odds of each, (hypotheses,), and the number
+            of columns of all; None where the columns are those of all.
 
     Attributes:
         log_odds: prior odds that each is the next cause, (hypotheses,).
+        width: number of columns of all that is searched.
         products: of the columns with a model.
     """
 
-    def __init__(self, whitened: WhitenedModel) -> None:
+    def __init__(self, whitened: WhitenedModel, among: tuple[Array, int] | None = None) -> None:
         self._whitened = whitened
         self.log_odds, self._unsized, self._alike = _of(whitened.columns)
+        self.width = whitened.columns.width
+        if among is not None:
+            self.log_odds, self.width = among
         self.products = ColumnProducts(whitened)
 
     def log_bayes_factors(self, fitted: FittedModel, coarse: Array | float = 1.0) -> Array:

@@ -5,7 +5,8 @@ from which docs/constants.md is made.
     python -m tests.constants_effects --only candidates.COARSE    one of them, anew
 
 Each number is varied in a copy of the product, before anything is derived from it, and the same
-recordings of blind trials are diagnosed: the smallest of each type. About half a minute a number and core.
+recordings of blind trials are diagnosed: the smallest of each type. About half a minute of
+processor time a number.
 """
 
 import argparse

@@ -8,21 +8,20 @@ import numpy as np
 import pytest
 
 from tests.scenario_files import refusal
-from tests.statistics_helpers import seed_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.tasks.engines import open_engine
 from tiltcal.core.units import G0
 from tiltcal.design.recording_blocks import Block, TableLimits, candidates, describe_block
 from tiltcal.diagnosis.investigation.discriminating_blocks import (
-    ENOUGH,
-    Pair,
+    SHORT_LIST,
+    as_a_body,
     blank,
     come_to,
+    forecast,
     imagined,
     judged,
     last_sides,
     propose,
-    separations,
 )
 from tiltcal.diagnosis.investigation.next_block import Limits, next_block, table_of
 from tiltcal.diagnosis.investigation.rival_hypotheses import Question, questions
@@ -88,11 +87,15 @@ def blocks_of(scenario: Scenario) -> dict[str, Any]:
 def test_a_circle_tells_what_a_quarter_turn_does_not(cubic: tuple[Scenario, Question]) -> None:
     scenario, question = cubic
     blocks = blocks_of(scenario)
-    circle = {(p.truth, p.rival): p for p in judged(blocks["circle outer"], [question], scenario)}
-    rest = {(p.truth, p.rival): p for p in judged(blocks["rest"], [question], scenario)}
+    told = judged(blocks["circle outer"], [question], scenario)
+    nothing = judged(blocks["rest"], [question], scenario)
+    circle, rest = ({(p.truth, p.rival): p for p in one.pairs} for one in (told, nothing))
+    # a converter's curve of any form explains K2 as well, here as in the verdict
+    assert told.explained == nothing.explained == 0.0
+    assert "adc_inl" in {h.id for h in question.hypotheses}
     assert set(circle) == set(rest) == {("acc_K2", "acc_K3"), ("acc_K3", "acc_K2")}
     for key in circle:
-        assert circle[key].chance > 0.99
+        assert circle[key].chance == 1.0
         assert rest[key].separation < 0.05 * circle[key].separation
 
 
@@ -102,7 +105,7 @@ def test_the_separation_is_what_least_squares_leaves(cubic: tuple[Scenario, Ques
     """
     scenario, question = cubic
     block = imagined(blocks_of(scenario)["circle outer"], scenario, question)
-    pair = next(p for p in separations(question, block) if p.truth == "acc_K2")
+    pair = next(p for p in forecast(question, block).pairs if p.truth == "acc_K2")
     angles = [
         np.asarray(r.table("outer"))[question.block // 2 :: question.block]
         for r in question.observations.recordings
@@ -126,38 +129,15 @@ def test_the_separation_is_what_least_squares_leaves(cubic: tuple[Scenario, Ques
     assert pair.separation == pytest.approx(total, rel=0.1)
 
 
-def test_the_chance_is_how_often_the_likelihoods_tell_apart() -> None:
-    """Two alternatives by hand: how often the deviances differ by enough, against the normal law of
-    their difference.
-    """
-    rng = np.random.default_rng(seed_of("the chance is how often"))
-    x = np.linspace(-1, 1, 60)
-    common = np.column_stack([np.ones_like(x), x])
-    one, other = (np.column_stack([common, x**k]) for k in (2, 4))
-    P = [np.eye(60) - A @ np.linalg.pinv(A) for A in (one, other)]
-    unit = P[1] @ x**2
-    for separation in (12.0, 25.0, 50.0):
-        y = x**2 * np.sqrt(separation) / np.linalg.norm(unit)
-        draws = y + rng.standard_normal((4000, 60))
-        apart = ((draws @ P[1]) ** 2).sum(1) - ((draws @ P[0]) ** 2).sum(1)
-        chance = Pair("", "", separation, 12.0).chance
-        band = 4 * np.sqrt(max(chance * (1 - chance), 0.01) / 4000)
-        assert float(np.mean(apart > 12.0)) == pytest.approx(chance, abs=band)
-
-
-def test_nothing_left_is_no_chance() -> None:
-    assert Pair("", "", 0.0, 12.0).chance == 0.0
-
-
-def test_the_best_block_is_enough_and_tells_most_a_minute(cubic: tuple[Scenario, Question]) -> None:
+def test_the_best_block_most_probably_ends_in_explained(cubic: tuple[Scenario, Question]) -> None:
     scenario, question = cubic
     design = propose([question], blocks_of(scenario).values(), scenario, 2.0, silent)
     assert design.best is not None
-    assert design.best.chance >= ENOUGH
     assert design.best.minutes <= 2.0
     assert not design.best.block.remounts
-    enough = [p for p in design.proposals if p.chance >= ENOUGH and not p.block.remounts]
-    assert design.best.rate == max(p.rate for p in enough)
+    again = design.proposals[:SHORT_LIST]
+    assert design.best.worth == max(p.worth for p in again)
+    assert len({p.block.name for p in design.proposals}) == len(design.proposals)
 
 
 def test_blocks_are_judged_the_same_over_an_engine() -> None:
@@ -233,13 +213,13 @@ def test_too_few_poses_ask_for_more() -> None:
 def test_no_block_is_asked_for_twice() -> None:
     asked = ambiguous({"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2", "acc_K3")
     known, recording, told, amended = asked
-    done: list[str] = []
-    for _ in range(3):
-        plan = next_block(known, [recording], told, amended, Limits(), silent, None, done)
+    done, limits = list[str](), Limits(minutes=0.8)
+    for _ in range(2):
+        plan = next_block(known, [recording], told, amended, limits, silent, None, done)
         if plan.proposal is None:
             break
-        assert not set(plan.proposal.block.name.split(" + ")) & set(done)
-        done += plan.proposal.block.name.split(" + ")
+        assert plan.proposal.block.name not in done
+        done.append(plan.proposal.block.name)
     assert done
     untested = {"verdict": "cannot_tell", "findings": []}
     every = [b for b in blocks_of(known) if b.startswith("reverse")]
@@ -320,7 +300,7 @@ def test_every_block_rests_long_enough_for_its_moves_to_be_seen(table: str) -> N
         assert wrong.sum() <= 0.05 * len(recording), block.name
 
 
-@pytest.mark.xfail(reason="promises 7 % where 5 % is asked")
+@pytest.mark.xfail(reason="promises 13 % where 5 % is asked")
 def test_a_block_does_not_promise_to_come_from_another_side_than_the_table_came_so_far() -> None:
     """A play met from one side only looks like a zero error; an axis that a block leaves alone
     stands as it was come to.
@@ -351,9 +331,10 @@ def test_a_block_does_not_promise_to_come_from_another_side_than_the_table_came_
         )
     }
     for name, block in blocks.items():
-        (pair,) = (p for p in judged(block, [question], known) if p.truth == "table_backlash")
+        told = judged(block, [question], known).pairs
+        (pair,) = (p for p in told if p.truth == "table_backlash")
         if name.startswith(("reverse outer", "spin outer")) and name.endswith("90"):
-            assert pair.chance > ENOUGH, name
+            assert pair.chance > 0.95, name
         if name == "rest" or name.startswith(("spin inner", "reverse inner")):
             assert pair.chance < 0.05, name
 
@@ -378,3 +359,15 @@ def test_the_first_pose_of_an_imagined_block_is_come_to_as_the_table_moved_last(
     assert np.asarray(come_to(away, scenario, {"outer": 1.0, "inner": 1.0}).table("outer"))[
         0
     ] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_the_temperature_of_a_block_goes_on_as_a_body_warms() -> None:
+    """A course that is an exponential goes on as this exponential, an even one stays."""
+    time = np.linspace(0.0, 120.0, 241)
+    later = np.linspace(0.0, 400.0, 101)
+
+    def warming(at: np.ndarray) -> np.ndarray:
+        return 30.0 - 6.0 * np.exp(-at / 100.0)
+
+    assert as_a_body(time, warming(time))(later) == pytest.approx(warming(later), abs=1e-3)
+    assert as_a_body(time, np.full(241, 21.5))(later) == pytest.approx(21.5, abs=1e-9)

@@ -85,8 +85,8 @@ class Doctor:
 
 @pytest.fixture(autouse=True)
 def _always_the_same_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    pair = Pair("acc_K2", "acc_K3", 100.0, 12.0)
-    plan = NextBlock(BlockProposal(BLOCK, 1.0, (pair,)), "Rest.")
+    pair = Pair("acc_K2", "acc_K3", 100.0, 1.0)
+    plan = NextBlock(BlockProposal(BLOCK, 1.0, 0.9, (pair,)), "Rest.")
     monkeypatch.setattr(room, "next_block", lambda *_: plan)
 
 
@@ -120,6 +120,7 @@ def test_it_stops_when_explained_and_the_log_tells_the_story(tmp_path: Path) -> 
     for words in (
         "**ambiguous**",
         "Recorded 'rest' as recording_1.csv (1.0 min",
+        "probability 90 % to be explained then",
         "**explained**",
         "It is explained.",
     ):

@@ -105,8 +105,8 @@ def write_block(path, scenario):
     """The report of a block whose words and rivals are markup."""
     limits = TableLimits(scenario.rig, dict.fromkeys(scenario.rig.axis_names, CIRCLE), 30.0, 3.0)
     blocks = [replace(b, description=HOSTILE) for b in islice(candidates(limits), 3)]
-    pairs = (Pair(HOSTILE, "acc_K2", 30.0, 13.0), Pair("acc_K2", HOSTILE, 90.0, 13.0))
-    proposals = tuple(BlockProposal(b, 1.0 + k, pairs) for k, b in enumerate(blocks))
+    pairs = (Pair(HOSTILE, "acc_K2", 30.0, 0.9), Pair("acc_K2", HOSTILE, 90.0, 1.0))
+    proposals = tuple(BlockProposal(b, 1.0 + k, 0.9, pairs) for k, b in enumerate(blocks))
     plan = NextBlock(proposals[0], HOSTILE, (HOSTILE,), proposals)
     poses = poses_of_steps(blocks[0].steps, scenario, HOSTILE)
     table = table_in(poses, scenario)

@@ -127,13 +127,6 @@ class Block:
         start, end = build_schedule(self.steps, rig).times
         return end - start + REMOUNT * self.remounts
 
-    def __add__(self, other: "Block") -> "Block":
-        return Block(
-            f"{self.name} + {other.name}",
-            f"{self.description}; then {other.description}",
-            self.steps + other.steps,
-        )
-
 
 def candidates(table: TableLimits) -> Iterator[Block]:
     """Every block that this table can run."""

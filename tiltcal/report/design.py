@@ -13,7 +13,7 @@ from tiltcal.core.units import DEG
 from tiltcal.design.maxmin import REQUIRED, MaxMin
 from tiltcal.design.plan import Forecast, Plan
 from tiltcal.design.recording_blocks import Block
-from tiltcal.diagnosis.investigation.discriminating_blocks import ENOUGH, BlockProposal
+from tiltcal.diagnosis.investigation.discriminating_blocks import BlockProposal
 from tiltcal.diagnosis.investigation.next_block import NextBlock
 from tiltcal.report.page import sections, write_page
 from tiltcal.report.plots import LOGARITHMIC, Plot, axes, colour, line, points
@@ -308,13 +308,13 @@ def lead_of_block(plan: NextBlock) -> str:
     if best.least is None:
         return f"{what}: it adds poses of every kind."
     return (
-        f"{what}: it separates {best.least.truth} from {best.least.rival}, the hardest pair, with"
-        f" a probability of {100 * best.chance:.0f} %."
+        f"{what}: the verdict then is explained with a probability of {100 * best.chance:.0f} %;"
+        f" the hardest pair is {best.least.truth} and {best.least.rival}."
     )
 
 
 def _pair_comparison(considered: Sequence[BlockProposal]) -> Plot:
-    """Probability of separating the hardest pair, over the table time of each block."""
+    """Probability of the verdict `explained`, over the table time of each block."""
     chosen, others = considered[:1], considered[1:]
     traces = [
         points(
@@ -328,12 +328,12 @@ def _pair_comparison(considered: Sequence[BlockProposal]) -> Plot:
         for some, name, position in ((others, "other blocks", 5), (chosen, "proposed block", 0))
         if some
     ]
-    layout = axes("table time, min", "probability for the hardest pair", showlegend=True)
+    layout = axes("table time, min", "probability of explained", showlegend=True)
     layout["yaxis"]["range"] = [-0.03, 1.03]
     return Plot(
         traces,
-        f"Probability to separate the hardest pair; {100 * ENOUGH:.0f} % is enough.",
-        f"{len(considered)} blocks by table time and probability to separate the hardest pair;"
+        "Probability that the verdict is explained once the block is recorded.",
+        f"{len(considered)} blocks by table time and probability of the verdict explained;"
         f" the proposed one takes {chosen[0].minutes:.1f} min and has {chosen[0].chance:.3f}",
         layout,
     )

@@ -1,37 +1,34 @@
-"""The block that tells rivals apart: the largest least separated non-centrality a minute of table
-time (T-optimal design).
+"""The block after which a diagnosis most probably is `explained`.
 
 For a block, the recordings so far and an imagined recording of it are put together. Each rival in
-turn is taken for the truth, at the size that the recordings give it; every other one is fitted to
-what it would read, with the adjustable terms and the other findings, at the noise and by the
-threshold of `diagnose`. What is left is the separated non-centrality of the pair; the difference of
-their deviances is then N(lambda, 4 lambda). Source: Atkinson and Fedorov, "The design of
-experiments for discriminating between two rival models", Biometrika 62 (1975).
+turn is taken for the truth. What the block would then read is drawn from what is known: sizes and
+calibration from their posterior by the recordings so far, and noise as these have it. Of each draw
+the probabilities of all names are those that the diagnosis itself would state
+(``candidates_in_place``, ``name_probabilities``): the same priors, the same deviations of a form,
+the same class. How often that class is the truth alone, by the probabilities that the rivals have
+now, is the probability that the block ends in `explained`.
 
 What a block would record: the recording that a design is judged by.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
-from math import erf, sqrt
+from functools import partial
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.progress import Part, Progress, Rate, unmeasured
 from tiltcal.core.units import ARCSEC, COLUMN_UNITS, DEG, split_unit
-from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.design.recording_blocks import Block
-from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.investigation.rival_hypotheses import Question
-from tiltcal.diagnosis.model.block_matrix import basis_of, project
-from tiltcal.diagnosis.model.fitted_model import whitened_of
+from tiltcal.diagnosis.investigation.rival_hypotheses import Question, Rival
+from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
+from tiltcal.diagnosis.model.fitted_model import FittedModel, Vector, stored_of, vectors_of
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.candidates import coarsened
-from tiltcal.diagnosis.search.explanation import Explanation
-from tiltcal.effects.base import Effect
+from tiltcal.diagnosis.search.candidates import Names, candidates_in_place, name_probabilities
+from tiltcal.diagnosis.search.scan import Scan
+from tiltcal.diagnosis.search.state import State
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, fresh
 from tiltcal.recordings.recording import Recording
@@ -50,8 +47,11 @@ MOVED = 0.1  # of the largest step between samples: what is no noise of the read
 
 
 def imagined(block: Block, scenario: Scenario, question: Question) -> Recording:
-    """What a block would read if nothing were wrong, in a room that goes back the way it came, with
-    the white noise of the recordings so far: by it a row is seen to weigh as much as another.
+    """What a block would read if nothing were wrong, with the white noise of the recordings so far:
+    by it a row is seen to weigh as much as another.
+
+    Time since switch-on begins anew with each recording, and the temperature with it, as it went in
+    the last one: a block must not promise what another course would tell, which nobody commands.
     """
     last = question.observations.recordings[-1]
     recording = come_to(block, scenario, last_sides(last, scenario))
@@ -64,11 +64,38 @@ def imagined(block: Block, scenario: Scenario, question: Question) -> Recording:
             columns[name] = columns[name] + white * rng.standard_normal(len(recording))
     temperature = last.temperature()
     if temperature is not None:
-        age = np.minimum(recording.time - recording.time[0], last.time[-1] - last.time[0])
-        columns["temperature_degC"] = np.interp(last.time[-1] - age, last.time, temperature)
+        course = as_a_body(last.time - last.time[0], temperature)
+        columns["temperature_degC"] = course(recording.time - recording.time[0])
     return Recording.from_columns(
         recording.time, columns, metadata=recording.metadata, source="imagined block"
     )
+
+
+TIME_CONSTANTS = np.geomspace(1.0, 1e4, 41)  # s, of bodies on a table; a factor of 1.26 apart
+
+
+def as_a_body(time: Array, temperature: Array) -> Callable[[Array], Array]:
+    """A course of temperature that goes on as a body comes to its room's (Newton's law of cooling),
+    with the time constant that fits best; degC at s.
+
+    Args:
+        time: s, (n,) from 0.
+        temperature: degC, (n,).
+    """
+
+    def basis(tau: float, at: Array) -> Array:
+        return np.column_stack([np.ones_like(at), -np.expm1(-at / tau)])
+
+    fits = [np.linalg.lstsq(basis(tau, time), temperature, rcond=None) for tau in TIME_CONSTANTS]
+    best = min(range(len(fits)), key=lambda k: float(np.sum(fits[k][1])))
+    tau, values = TIME_CONSTANTS[best], fits[best][0]
+    end = temperature[-1] - (basis(tau, time[-1:]) @ values)[0]
+
+    def course(at: Array) -> Array:
+        known = np.interp(at, time, temperature)
+        return np.where(at <= time[-1], known, basis(tau, at) @ values + end)
+
+    return course
 
 
 def last_sides(recording: Recording, scenario: Scenario) -> dict[str, float]:
@@ -145,35 +172,45 @@ def blank(block: Block, scenario: Scenario) -> Recording:
     )
 
 
-ENOUGH = 0.95  # chance of telling a pair apart at which a block is good enough
 # best chance of any block below which a pair is said to be out of this table's reach
 HOPELESS = 0.2
-SHORT_LIST = 3  # blocks that are tried together when none is enough by itself
+SHORT_LIST = 4  # blocks of the best first impression that are judged again
+DRAWS = 32
+"""Recordings of a block that are imagined, shared by the rivals as probable as they are: the
+standard error of the stated probability is 0.09 at most. The first impression has one of each
+rival, as it is expected.
+"""
+LEAST = 4  # of them for each rival
 
 
 @dataclass(frozen=True)
 class Pair:
-    """One rival taken for the truth, another fitted to it.
+    """One rival taken for the truth, another in its place.
 
     Args:
         truth, rival: ids.
-        separation: what is left of the truth's signal, non-centrality; needed: at which the
-            diagnosis calls them apart.
+        separation: twice the nats by which the rival's textbook form has less evidence, as
+            expected.
+        chance: that the class of the finding then lacks the rival.
     """
 
     truth: str
     rival: str
     separation: float
-    needed: float
+    chance: float
 
-    @property
-    def chance(self) -> float:
-        """Of being told apart: the difference of their deviances is N(separation, 4 separation)."""
-        if self.separation <= 0:
-            return 0.0
-        return 0.5 * (
-            1 + erf((self.separation - self.needed) / (2 * sqrt(self.separation)) / sqrt(2))
-        )
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a diagnosis should say once a block is recorded too.
+
+    Args:
+        explained: probability that the true names are stated alone.
+        pairs: of rivals.
+    """
+
+    explained: float
+    pairs: tuple[Pair, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -181,13 +218,14 @@ class BlockProposal:
     """A block with what it should bring.
 
     Args:
-        block: what to record; minutes: of table time; pairs: that some block can tell apart, the
-            hardest first.
+        block: what to record; minutes: of table time; chance: that the verdict then is `explained`;
+            pairs: that some block can tell apart, the hardest first.
     """
 
     block: Block
     minutes: float
-    pairs: tuple[Pair, ...]
+    chance: float = 0.0
+    pairs: tuple[Pair, ...] = ()
 
     @property
     def least(self) -> Pair | None:
@@ -195,29 +233,23 @@ class BlockProposal:
         return self.pairs[0] if self.pairs else None
 
     @property
-    def chance(self) -> float:
-        """Of telling the hardest pair apart."""
-        return self.least.chance if self.least is not None else 0.0
-
-    @property
     def rate(self) -> float:
-        """Least separated non-centrality a minute."""
+        """Least separation a minute."""
         return min((p.separation for p in self.pairs), default=0.0) / self.minutes
 
     @property
-    def worth(self) -> tuple[int, float]:
-        """Blocks that are enough first, by non-centrality a minute; then the others by the chances
-        of all pairs.
-
-        A remounted instrument does not sit as it did: only where nothing else is enough.
+    def worth(self) -> tuple[float, float]:
+        """Probability of `explained` and share of the pairs told apart; of those that differ by
+        less than its standard error the shortest, which a remounting makes longer.
         """
-        if self.chance >= ENOUGH:
-            return (1 if self.block.remounts else 2), self.rate
-        return 0, self.chance + float(np.mean([p.chance for p in self.pairs])) - 0.02 * self.minutes
+        told = float(np.mean([p.chance for p in self.pairs])) if self.pairs else 0.0
+        return round(self.chance + told, 1), -self.minutes
 
 
-Judge = Callable[[Sequence[Block], Part], list[list[Pair]]]
-"""Says what each block would tell, and how many are judged."""
+Judge = Callable[[Sequence[Block], int, Part], list[Forecast]]
+"""Says what each block would tell, from so many imagined recordings or, with 0, from what is
+expected, and how many are judged.
+"""
 
 
 @dataclass(frozen=True)
@@ -246,124 +278,168 @@ def propose(
     progress: Progress,
     judge: Judge | None = None,
 ) -> Design:
-    """Blocks no longer than ``most_minutes``, the best first; two after one another too where none
-    is enough by itself.
+    """Blocks no longer than ``most_minutes``, the best first: those of the best first impression
+    are judged again.
 
     Args:
         asked: what is to be told apart; blocks: to choose from; scenario: what is known.
         most_minutes: of one block; progress: is told how many blocks are judged.
         judge: what each block would tell; in this process, one after the other, if not given.
     """
-    tried: dict[str, tuple[Block, list[Pair]]] = {}
+    judge = judge or partial(judged_in_turn, asked, scenario)
 
-    def evaluate(blocks: Iterable[Block]) -> None:
-        named = {b.name: b for b in blocks if b.seconds(scenario.rig) <= 60 * most_minutes}
-        short = [block for name, block in named.items() if name not in tried]
-        rate = Rate(len(short), "blocks")
+    def forecasts(blocks: Sequence[Block], draws: int) -> list[tuple[Block, Forecast]]:
+        rate = Rate(len(blocks), "blocks")
 
         def part(done: float) -> None:
-            progress(f"evaluating blocks: {rate.after(round(done * len(short)))}")
+            progress(f"evaluating blocks: {rate.after(round(done * len(blocks)))}")
 
-        found = judge(short, part) if judge else judged_in_turn(short, asked, scenario, part)
-        tried.update({b.name: (b, pairs) for b, pairs in zip(short, found, strict=True)})
+        return list(zip(blocks, judge(blocks, draws, part), strict=True))
 
-    evaluate(blocks)
-    design = _ranked(tried, scenario)
-    if design.best is not None and design.best.chance < ENOUGH:
-        best = [p.block for p in design.proposals[:SHORT_LIST]]
-        evaluate(one + other for one, other in combinations(best, 2))
-        design = _ranked(tried, scenario)
-    return design
-
-
-def _ranked(tried: Mapping[str, tuple[Block, Sequence[Pair]]], scenario: Scenario) -> Design:
-    """Blocks in order of worth, pairs that no block can tell apart set aside."""
+    short = [b for b in blocks if b.seconds(scenario.rig) <= 60 * most_minutes]
+    first = forecasts(short, 0)
+    ranked = _ranked(first, (), scenario)
+    again = forecasts([p.block for p in ranked[:SHORT_LIST]], DRAWS)
     top: dict[tuple[str, str], float] = {}
-    for _, pairs in tried.values():
-        for p in pairs:
-            top[p.truth, p.rival] = max(top.get((p.truth, p.rival), 0.0), p.chance)
+    for p in (pair for _, told in (*first, *again) for pair in told.pairs):
+        top[p.truth, p.rival] = max(top.get((p.truth, p.rival), 0.0), p.chance)
     twins = tuple(key for key, chance in top.items() if chance < HOPELESS)
+    judged_again = {block.name for block, _ in again}
+    others = [told for told in first if told[0].name not in judged_again]
+    best = _ranked(again, twins, scenario)
+    return Design((*best, *_ranked(others, twins, scenario)), twins)
+
+
+def _ranked(
+    told: Iterable[tuple[Block, Forecast]], twins: Collection[tuple[str, str]], scenario: Scenario
+) -> list[BlockProposal]:
+    """Blocks that tell a pair apart which is no twin, in order of worth."""
     found = []
-    for block, pairs in tried.values():
-        left = sorted((p for p in pairs if (p.truth, p.rival) not in twins), key=lambda p: p.chance)
+    for block, one in told:
+        left = [p for p in one.pairs if (p.truth, p.rival) not in twins]
+        left.sort(key=lambda p: (p.chance, p.separation))
         if left:
-            found.append(BlockProposal(block, block.seconds(scenario.rig) / 60, tuple(left)))
-    return Design(tuple(sorted(found, key=lambda p: p.worth, reverse=True)), twins)
+            minutes = block.seconds(scenario.rig) / 60
+            found.append(BlockProposal(block, minutes, one.explained, tuple(left)))
+    return sorted(found, key=lambda p: p.worth, reverse=True)
 
 
 def judged_in_turn(
-    blocks: Sequence[Block], asked: Sequence[Question], scenario: Scenario, part: Part = unmeasured
-) -> list[list[Pair]]:
-    """What each block would tell of every pair of every question; ``part`` is told how many are
-    judged.
-    """
+    asked: Sequence[Question],
+    scenario: Scenario,
+    blocks: Sequence[Block],
+    draws: int = DRAWS,
+    part: Part = unmeasured,
+) -> list[Forecast]:
+    """What a diagnosis should say after each block; ``part`` is told how many are judged."""
     found = []
     for block in blocks:
-        found.append(judged(block, asked, scenario))
+        found.append(judged(block, asked, scenario, draws))
         part(len(found) / len(blocks))
     return found
 
 
-def judged(block: Block, asked: Sequence[Question], scenario: Scenario) -> list[Pair]:
-    """What a block would tell of every pair of every question."""
-    return [pair for q in asked for pair in separations(q, imagined(block, scenario, q))]
+def judged(
+    block: Block, asked: Sequence[Question], scenario: Scenario, draws: int = DRAWS
+) -> Forecast:
+    """What a diagnosis should say after a block: all questions have to be answered."""
+    found = [forecast(q, imagined(block, scenario, q), draws) for q in asked]
+    explained = float(np.prod([one.explained for one in found]))
+    return Forecast(explained, tuple(pair for one in found for pair in one.pairs))
 
 
-def separations(question: Question, more: Recording) -> list[Pair]:
-    """Every pair of rivals, with this recording beside those so far."""
-    both = question.joined(more)
-    columns = HypothesisColumns(both)
-    effects = question.fitted.effects
-    for hypothesis in question.hypotheses:
-        columns.add(hypothesis, effects)
-    noise = [question.noise[c.sensor, c.axis] for c in both.channels]
-    whitened = WhitenedModel.of(columns, noise)
-    lengths = [len(c.values) for c in both.channels]
-    every = [*question.fitted.nuisance, *question.fitted.terms]
-    basis = basis_of(whitened_of(whitened, every, effects), lengths)
-    found = []
+def forecast(question: Question, more: Recording, draws: int = DRAWS) -> Forecast:
+    """What a diagnosis should say of a finding with this recording beside those so far."""
+    coming = _Coming.of(question, more)
+    rng = np.random.default_rng(0)
+    pairs, alone, known = list[Pair](), 0.0, sum(r.probability for r in question.rivals)
     for truth in question.rivals:
-        signal = project(basis, _signal(truth, both, whitened, effects, lengths))
-        found += _against(truth, basis, signal, whitened, question)
-    return found
+        id, share = truth.name, truth.probability / known if known else 0.0
+        count = max(round(draws * share), LEAST) if draws else 0
+        told = [coming.told_of(model) for model in coming.drawn(truth, count, rng)]
+        alone += share * float(np.mean([n.members == (id,) for n, _ in told]))
+        for rival in question.names:
+            if rival != id:
+                behind = [2 * (e.get(id, 0.0) - e.get(rival, 0.0)) for _, e in told]
+                gone = [id in n.members and rival not in n.members for n, _ in told]
+                separation = max(float(np.mean(behind)), 0.0)
+                pairs.append(Pair(id, rival, separation, float(np.mean(gone))))
+    return Forecast((1 - question.unlisted) * alone, tuple(pairs))
 
 
-def _signal(
-    truth: Explanation,
-    both: Observations,
-    whitened: WhitenedModel,
-    effects: Sequence[Effect],
-    lengths: Sequence[int],
-) -> list[Array]:
-    """What a rival, at its own form only, would put into all readings, whitened."""
-    total = [np.zeros(n) for n in lengths]
-    for term in truth.terms[:1]:
-        for name, value in zip(term.names, term.values, strict=True):
-            for i, part in whitened.whiten(
-                both.changes(term.hypothesis.alone(name), effects)
-            ).items():
-                total[i] += part * (value / term.hypothesis.size(name))
-    return total
+@dataclass(frozen=True)
+class _Coming:
+    """The recordings so far with an imagined one.
 
-
-def _against(
-    truth: Explanation,
-    basis: Sequence[Array],
-    signal: Sequence[Array],
-    whitened: WhitenedModel,
-    question: Question,
-) -> list[Pair]:
-    """The truth, whose signal is without its part in a basis, against every other name, each at its
-    best shape and sizes.
+    Args:
+        question: what is asked; scan: of what may stand in the finding's place.
+        whitened: the columns; rest: the model without the finding, without a residual.
     """
-    energy = sum(float(s @ s) for s in signal)
-    needed = SEPARABLE * coarsened(energy)
-    best: dict[str, float] = {}
-    for score in whitened.scores(basis, signal):
-        best[score.hypothesis.id] = max(best.get(score.hypothesis.id, 0.0), score.gain()[0])
-    id = truth.hypothesis.id
-    return [
-        Pair(id, name, max(energy - best.get(name, 0.0), 0.0), needed)
-        for name in question.names
-        if name != id
-    ]
+
+    question: Question
+    whitened: WhitenedModel
+    scan: Scan
+    rest: FittedModel
+
+    @classmethod
+    def of(cls, question: Question, more: Recording) -> "_Coming":
+        """With this recording."""
+        both, rest = question.joined(more), question.rest
+        columns = HypothesisColumns(both)
+        for hypothesis in question.hypotheses:
+            columns.add(hypothesis, rest.effects)
+        noise = [question.noise[c.sensor, c.axis] for c in both.channels]
+        whitened = WhitenedModel.of(columns, noise)
+        odds = dict(zip(map(id, question.hypotheses), question.log_odds, strict=True))
+        kept = np.array([odds[id(h)] for h in columns.hypotheses])
+        vectors = vectors_of(whitened, [*rest.nuisance, *rest.terms], rest.effects)
+        design = BlockDesignMatrix(
+            [v.parts for v in vectors], [len(c.values) for c in both.channels]
+        )
+        rest = replace(rest, columns=tuple(vectors), design=design, moved=(), reached=None)
+        return cls(question, whitened, Scan(whitened, (kept, question.width)), rest)
+
+    def drawn(self, truth: Rival, draws: int, rng: np.random.Generator) -> list[FittedModel]:
+        """The model without the finding, with what it leaves if a rival is the truth: of the
+        recordings so far what they have, of the new one as it may come; with 0 as it is expected.
+        """
+        old, lengths = truth.fitted.residual, self.rest.design.lengths
+        values = [*truth.fitted.nuisance, *truth.fitted.terms]
+        units = np.array([t.hypothesis.size(n) for t in values for n in t.names])
+        own = stored_of(self.whitened, truth.terms)
+        design = BlockDesignMatrix([*(v.parts for v in self.rest.columns), *own], lengths)
+        sizes = np.zeros(len(units))
+        sizes[len(units) - len(own) :] = truth.terms[0].values
+        sizes /= units
+        assert truth.fitted.covariance is not None
+        spread = _root(truth.fitted.covariance / np.outer(units, units))
+        found, scatter = [], float(draws > 0)
+        for _ in range(max(draws, 1)):
+            at = sizes + scatter * (spread @ rng.standard_normal(len(units)))
+            signal = [
+                block @ (sizes if i < len(old) else at)[numbers]
+                for i, (numbers, block) in enumerate(zip(design.where, design.blocks, strict=True))
+            ]
+            noise = [*old, *(scatter * rng.standard_normal(n) for n in lengths[len(old) :])]
+            left = [s + e for s, e in zip(signal, noise, strict=True)]
+            left = self.rest.design.explain(left)[1]
+            reference = Vector(object(), "left", dict(enumerate(left)))
+            found.append(replace(self.rest, residual=tuple(left), reference=reference))
+        self.scan.products.prepare(found)
+        return found
+
+    def told_of(self, rest: FittedModel) -> tuple[Names, dict[str, float]]:
+        """What a diagnosis says of the finding that a model leaves, and the evidence for the
+        textbook form of each name, nats.
+        """
+        rows = candidates_in_place(State(rest, self.whitened), self.scan)
+        evidence: dict[str, float] = {}
+        for row in rows:
+            evidence[row.name] = max(row.plain_evidence, evidence.get(row.name, -np.inf))
+        return name_probabilities(rows), evidence
+
+
+def _root(covariance: Array) -> Array:
+    """A square root of a covariance, (p, p)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

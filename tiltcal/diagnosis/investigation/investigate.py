@@ -221,7 +221,7 @@ def _plan(
     amended = read_toml(folder / "amended.toml", "amended scenario", AMENDED)
     recordings = [read_recording(path) for path in _files(at, state)]
     told = at.scenario, recordings, answer, amended
-    done = [name for entry in state.entries for name in entry.block.split(" + ")]
+    done = [entry.block for entry in state.entries]
     plan = next_block(*told, at.limits, progress, at.engine, done)
     write_json(folder / "next_block.json", plan.to_json())
     return plan

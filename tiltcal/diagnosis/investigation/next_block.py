@@ -27,8 +27,8 @@ from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.investigation.discriminating_blocks import (
     BlockProposal,
     Design,
+    Forecast,
     Judge,
-    Pair,
     judged_in_turn,
     propose,
 )
@@ -64,13 +64,13 @@ def judge_over(engine: Engine, told: tuple[Any, ...]) -> Judge:
         told: the arguments of ``open_questions``; a question itself cannot go to another process.
     """
 
-    def judge(blocks: Sequence[Block], part: Part) -> list[list[Pair]]:
+    def judge(blocks: Sequence[Block], draws: int, part: Part) -> list[Forecast]:
         shares = [blocks[k :: engine.slots] for k in range(min(engine.slots, len(blocks)))]
-        found = values_of(_judged_apart, [(*told, share) for share in shares], engine, part)
+        found = values_of(_judged_apart, [(*told, share, draws) for share in shares], engine, part)
         by_name = {
-            block.name: pairs
+            block.name: told
             for share, judged in zip(shares, found, strict=True)
-            for block, pairs in zip(share, judged, strict=True)
+            for block, told in zip(share, judged, strict=True)
         }
         return [by_name[block.name] for block in blocks]
 
@@ -83,10 +83,11 @@ def _judged_apart(
     diagnosis: Mapping[str, Any],
     amended: Mapping[str, Any],
     blocks: Sequence[Block],
-) -> list[list[Pair]]:
+    draws: int,
+) -> list[Forecast]:
     """What blocks would tell, in a process that has nothing but the files' content."""
     asked = open_questions(scenario, recordings, diagnosis, amended)
-    return judged_in_turn(blocks, asked, scenario)
+    return judged_in_turn(asked, scenario, blocks, draws)
 
 
 THERMAL = {"temperature", "time"}
@@ -149,7 +150,6 @@ class NextBlock:
                         "truth": q.truth,
                         "rival": q.rival,
                         "separation": q.separation,
-                        "needed": q.needed,
                         "power": q.chance,
                     }
                     for q in p.pairs
@@ -280,7 +280,7 @@ def _more_poses(
         return NextBlock(None, f"{why}: all poses that this table can add were recorded.")
     minutes = block.seconds(scenario.rig) / 60
     words = f"{why}: {block.description} ({minutes:.1f} min of table time)."
-    return NextBlock(BlockProposal(block, minutes, ()), words)
+    return NextBlock(BlockProposal(block, minutes), words)
 
 
 def _by_hand(diagnosis: Mapping[str, Any]) -> str:
@@ -302,9 +302,9 @@ def _statement(design: Design) -> str:
         return "No block of this table can separate them: " + "; ".join(_twins(design)) + "."
     words = (
         f"Record the block '{best.block.name}' ({best.block.description}): {best.minutes:.1f} min"
-        f" of table time. It should separate {hardest.truth} from {hardest.rival}, the hardest"
-        f" pair, with probability {100 * best.chance:.0f} % (separated non-centrality"
-        f" {hardest.separation:.0f}, {hardest.needed:.0f} needed)."
+        " of table time. The verdict should then be explained with probability"
+        f" {100 * best.chance:.0f} %. The hardest pair, {hardest.truth} from {hardest.rival},"
+        f" should be separated with probability {100 * hardest.chance:.0f} %."
     )
     return words + (
         ""

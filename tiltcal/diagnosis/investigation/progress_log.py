@@ -9,8 +9,8 @@ class Entry:
     """One block that was recorded.
 
     Args:
-        block: its name; words: why; minutes: of table time; confidence: that it splits the hardest
-            pair.
+        block: its name; words: why; minutes: of table time; confidence: probability, as planned,
+            that the verdict then is `explained`.
         sequence, recording: file names.
     """
 
@@ -78,7 +78,7 @@ def log_of(state: Investigation) -> str:
         lines.append(f"- Diagnosed: **{verdicts.pop(0)}**.")
     for entry in state.entries:
         sure = (
-            f", probability {100 * entry.confidence:.0f} % to separate the hardest pair"
+            f", probability {100 * entry.confidence:.0f} % to be explained then"
             if entry.confidence
             else ""
         )

@@ -6,80 +6,57 @@ put beside them.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import chain
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data.observations import Columns, Observations
+from tiltcal.diagnosis.data.observations import Columns, CurveFactors, Observations
 from tiltcal.diagnosis.data.observe import observe
-from tiltcal.diagnosis.data_faults.prepare import prepare
+from tiltcal.diagnosis.data_faults.prepare import averaged_blocks, prepare
 from tiltcal.diagnosis.hypotheses.block_averaging import block_of
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
-from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.families import completes
-from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, step_hypotheses
-from tiltcal.diagnosis.hypotheses.instants import instants
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.hypotheses.priors import UNLISTED
 from tiltcal.diagnosis.lines.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.model.channel_noise import models, noise_under
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
-from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
-from tiltcal.diagnosis.model.refitting import refit
+from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.explanation import Explanation, explain
+from tiltcal.diagnosis.search.best_shape import at_shape, shapes
+from tiltcal.diagnosis.search.candidates import LEAST, coarsened
+from tiltcal.diagnosis.search.dictionary import build_dictionary
+from tiltcal.diagnosis.search.explanation import possible
+from tiltcal.diagnosis.search.scan import Scan
+from tiltcal.diagnosis.search.state import State, looked_at
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.parameter import by_name
-from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.scenario import Scenario, fresh, parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.noise_spectrum import NoiseModel
 
-
-class Remembering(Observations):
-    """Observations that remember how their readings change with each effect.
-
-    Args:
-        inner: what was observed.
-    """
-
-    def __init__(self, inner: Observations) -> None:
-        self.inner = inner
-        self.scenario, self.recordings, self.known = inner.scenario, inner.recordings, inner.known
-        self.channels, self.stops = inner.channels, inner.stops
-        self._kept: dict[str, Columns] = {}
-
-    def predict(self, effects: Sequence[Effect]) -> list[Array]:
-        """What each channel should have read. SI, (n,) each."""
-        return self.inner.predict(effects)
-
-    def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
-        """How readings change with a small effect; ``around`` is the same every time."""
-        key = repr(effect)
-        if key not in self._kept:
-            self._kept[key] = self.inner.changes(effect, around)
-        return self._kept[key]
-
-    def settings(self, around: Sequence[Effect]) -> list[list[Columns]]:
-        """See ``Observations``."""
-        return self.inner.settings(around)
+Part = TypeVar("Part")
 
 
 class Joined(Observations):
-    """Remembered observations and one more recording.
+    """The recordings so far and one more.
 
     Args:
         old: what was read so far.
+        kept: how that changes with each effect, and with each curve as factors; it is added to.
         more: another recording, of the same T0.
         block: samples that are averaged into one.
-        reference: T0, degC.
     """
 
-    def __init__(self, old: Remembering, more: Recording, block: int, reference: float) -> None:
+    def __init__(
+        self, old: Observations, kept: dict[str, Any], more: Recording, block: int
+    ) -> None:
+        reference = old.courses[0].reference if old.courses else 0.0
         climate = old.scenario.climate.model_copy(update={"reference_degC": reference})
-        self.old = old
+        self.old, self.kept = old, kept
         self.new = observe(fresh(old.scenario, climate=climate), [more], old.known, block)
         self.scenario, self.known = old.scenario, old.known
         self.recordings = (*old.recordings, more)
@@ -92,23 +69,49 @@ class Joined(Observations):
         return [*self.old.predict(effects), *self.new.predict(effects)]
 
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
-        """How readings change with a small effect."""
-        first = len(self.old.channels)
-        return self.old.changes(effect, around) | {
-            first + i: c for i, c in self.new.changes(effect, around).items()
-        }
+        """How readings change with a small effect; ``around`` is the same every time."""
+        key = repr(effect)
+        if key not in self.kept:
+            self.kept[key] = self.old.changes(effect, around)
+        return self.kept[key] | self._late(self.new.changes(effect, around))
+
+    def factors(
+        self, effect: Effect, names: Sequence[str], around: Sequence[Effect]
+    ) -> dict[int, CurveFactors] | None:
+        """The same of a curve, as factors."""
+        key = repr((effect, names))
+        if key not in self.kept:
+            self.kept[key] = self.old.factors(effect, names, around)
+        new = self.new.factors(effect, names, around)
+        return None if self.kept[key] is None or new is None else self.kept[key] | self._late(new)
 
     def settings(self, around: Sequence[Effect]) -> list[list[Columns]]:
         """See ``Observations``."""
-        first = len(self.old.channels)
-        late = [
-            [{first + i: c for i, c in one.items()} for one in stops]
-            for stops in self.new.settings(around)
-        ]
-        return [*self.old.settings(around), *late]
+        late = self.new.settings(around)
+        return [*self.old.settings(around), *([self._late(c) for c in stops] for stops in late)]
+
+    def _late(self, columns: Mapping[int, Part]) -> dict[int, Part]:
+        """What channels of the further recording have, by their numbers here."""
+        return {len(self.old.channels) + i: c for i, c in columns.items()}
 
 
 CURVE = 1e-6  # SI, of a curve's coefficients: any size will do
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A name that may be the cause.
+
+    Args:
+        name: catalogue id; probability: of it, by the diagnosis.
+        terms: its textbook form at its best shape; fitted: the model of the recordings so far with
+            it, where its sizes are.
+    """
+
+    name: str
+    probability: float
+    terms: tuple[FittedTerm, ...]
+    fitted: FittedModel
 
 
 @dataclass(frozen=True)
@@ -117,27 +120,31 @@ class Question:
 
     Args:
         names: ids of the class, the finding's own first.
-        fitted: adjustable terms and other findings.
-        rivals: one a name: how it would explain the finding.
-        hypotheses: the class at all its shapes.
-        observations: what was read so far, thinned.
+        unlisted: probability that it is none of the catalogue.
+        rest: the model of the recordings so far without the finding.
+        rivals: one a name.
+        hypotheses: what may stand in the finding's place, with what completes it; log_odds: prior
+            odds of each, nats; width: number of columns of all that a diagnosis searches.
+        observations: what was read so far, thinned; kept: how that changes with effects.
         noise: of each sensor's axis.
         block: rows that were averaged into one.
-        reference: T0, degC.
     """
 
     names: tuple[str, ...]
-    fitted: FittedModel
-    rivals: tuple[Explanation, ...]
+    unlisted: float
+    rest: FittedModel
+    rivals: tuple[Rival, ...]
     hypotheses: tuple[Hypothesis, ...]
-    observations: Remembering
+    log_odds: tuple[float, ...]
+    width: int
+    observations: Observations
     noise: Mapping[tuple[str, str], NoiseModel]
     block: int
-    reference: float
+    kept: dict[str, Any] = field(default_factory=dict)
 
     def joined(self, more: Recording) -> Joined:
         """The recordings so far with this one."""
-        return Joined(self.observations, more, self.block, self.reference)
+        return Joined(self.observations, self.kept, more, self.block)
 
 
 def questions(
@@ -160,26 +167,21 @@ def questions(
     if not open_ or not found or not scenario.rig.axes:
         return []
     prepared = prepare(scenario, recordings)
-    old = prepared.observations
-    lines = spectral_lines_of(old, prepared.start)
-    block = block_of(old, lines)
-    thin = observe(scenario, old.recordings, old.known, block)
+    lines = spectral_lines_of(prepared.observations, prepared.start)
+    block = block_of(prepared.observations, lines)
+    prepared = averaged_blocks(prepared, block)
     terms = [_term(e) for e in found]
-    stated = {(e.id, e.sensor, e.axis) for e in old.known}
-    terms = [
-        t
-        for t in terms
-        if (t.hypothesis.effect.id, t.hypothesis.effect.sensor, t.hypothesis.effect.axis)
-        not in stated
-    ]
-    asked = []
-    for finding, names in open_:
-        own = _own(terms, finding["effect"], diagnosis)
-        if own:
-            asked.append(
-                _question(names, terms, own, Remembering(thin), prepared.start, block, lines)
-            )
-    return asked
+    stated = {(e.id, e.sensor, e.axis) for e in prepared.observations.known}
+    terms = [t for t in terms if t.hypothesis.place not in stated]
+    owns = [(f, c, _own(terms, f["effect"], diagnosis)) for f, c in open_]
+    if not any(own for _, _, own in owns):
+        return []
+    build_dictionary(prepared.whitened, prepared.start, lines)
+    model = replace(prepared.start, terms=tuple(terms))
+    noise = noise_under(model, prepared.whitened.columns)
+    whitened = prepared.whitened.under(models(noise))
+    model = refit(model, whitened)
+    return [_question(f, c, model, own, whitened, block) for f, c, own in owns if own]
 
 
 def _term(effect: Effect) -> FittedTerm:
@@ -212,58 +214,64 @@ def _own(terms: Sequence[FittedTerm], id: str, diagnosis: Mapping[str, Any]) -> 
 
 
 def _question(
+    finding: Mapping[str, Any],
     names: tuple[str, ...],
-    terms: Sequence[FittedTerm],
+    model: FittedModel,
     own: Sequence[int],
-    old: Remembering,
-    start: FittedModel,
+    whitened: WhitenedModel,
     block: int,
-    lines: SpectralLines,
 ) -> Question:
-    columns = HypothesisColumns(old)
-    fitted = replace(start, terms=tuple(terms))
-    noise = noise_under(fitted, columns)
-    whitened = WhitenedModel.of(columns, models(noise))
-    fitted = refit(fitted, whitened)
-    hypotheses = _hypotheses_of(names, old, [terms[k].hypothesis for k in own], lines)
-    for hypothesis in hypotheses:
-        columns.add(hypothesis, fitted.effects)
-    rest = refit(
-        replace(fitted, terms=tuple(t for k, t in enumerate(fitted.terms) if k not in own)),
-        whitened,
-        rounds=0,
-    )
-    rivals: dict[str, Explanation] = {}
-    for k, hypothesis in enumerate(whitened.hypotheses):
-        told = explain(k, rest, whitened)
-        if told is None:
-            continue
-        plain, before = told.plain or told, rivals.get(hypothesis.id)  # as its rivals are weighed
-        if before is None or plain.evidence > before.evidence:
-            rivals[hypothesis.id] = plain
-    by_axis = {(c.sensor, c.axis): f.model for c, f in zip(old.channels, noise, strict=True)}
-    ordered = tuple(rivals[n] for n in names if n in rivals)
-    reference = old.inner.courses[0].reference if old.inner.courses else 0.0
-    return Question(names, rest, ordered, tuple(hypotheses), old, by_axis, block, reference)
+    """What is asked of a finding.
 
-
-def _hypotheses_of(
-    names: Sequence[str],
-    observations: Observations,
-    own: Sequence[Hypothesis],
-    lines: SpectralLines,
-) -> list[Hypothesis]:
-    """The class at all its shapes; a name without a textbook form only where the finding itself has
-    it.
+    Args:
+        finding: of diagnosis.json; names: of its class.
+        model: with all findings; own: places of its terms.
+        whitened: the columns of all hypotheses under the noise that the model leaves.
+        block: rows that were averaged into one.
     """
-    scenario = observations.scenario
-    span = ranges_of(observations, lines)
-    own_instants = dict.fromkeys(s.instant for s in own if s.instant is not None)
-    times = list(own_instants) or instants(observations)[::4]
-    every = chain(
-        own,
-        listed_hypotheses(scenario, span),
-        step_hypotheses(scenario, times),
-        curves(observations, span),
+    old, width = whitened.observations, whitened.columns.width
+    rest = refit_linearly(model, [t for k, t in enumerate(model.terms) if k not in own], whitened)
+    odds = Scan(whitened).log_odds.tolist()
+    law = model.terms[own[0]].hypothesis
+    alike = [k for k, h in enumerate(whitened.hypotheses) if h.listed and h.place == law.place]
+    if alike and (refined := shapes(law)):
+        best = max(alike, key=lambda k: odds[k])
+        mine = whitened.hypotheses[best]
+        for name, value in refined.items():
+            mine = at_shape(mine, name, value)
+        whitened, odds = whitened.beside([mine]), [*odds, odds[best]]
+    scan = Scan(whitened, (np.array(odds), width))
+    kept = _in_play(names, rest, whitened, scan)
+    chances = finding.get("names") or dict.fromkeys(names, 1 / len(names))
+    rivals = list[Rival]()
+    for told in (p.explanation for p in looked_at(State(rest, whitened), scan, listed_only=True)):
+        name, new = told.hypothesis.id, not any(r.name == told.hypothesis.id for r in rivals)
+        if new and name in names and possible(told.terms[0]):
+            fitted = refit(replace(rest, terms=(*rest.terms, told.terms[0])), whitened)
+            rivals.append(Rival(name, chances.get(name, 0.0), fitted.terms[-1:], fitted))
+    return Question(
+        names,
+        chances.get(UNLISTED, 0.0),
+        rest,
+        tuple(rivals),
+        tuple(whitened.hypotheses[k] for k in kept),
+        tuple(float(scan.log_odds[k]) for k in kept),
+        width,
+        old,
+        {(c.sensor, c.axis): m for c, m in zip(old.channels, whitened.noise, strict=True)},
+        block,
     )
-    return [s for s in every if s.id in names and (s.textbook or s.id == names[0])]
+
+
+def _in_play(
+    names: Sequence[str], rest: FittedModel, whitened: WhitenedModel, scan: Scan
+) -> list[int]:
+    """Numbers of the hypotheses of a class, of all that the recordings so far leave as probable as
+    what a diagnosis shows, and of what completes either.
+    """
+    fine = scan.log_bayes_factors(rest)
+    score = scan.log_bayes_factors(rest, coarsened(2 * float(fine.max()))) + scan.log_odds
+    every = whitened.hypotheses
+    chosen = {k for k, h in enumerate(every) if h.id in names and (h.textbook or h.id == names[0])}
+    chosen |= set(np.flatnonzero(score > score.max() + np.log(LEAST)).tolist())
+    return sorted(chosen.union(*(whitened.columns.family(k) for k in chosen)))

@@ -4,7 +4,7 @@ diagnosed together with the first.
 
 import csv
 import json
-import shutil
+import os
 
 import pytest
 from docs_examples import BLOCK, ROOT
@@ -73,13 +73,16 @@ def test_an_ambiguous_diagnosis_is_led_to_one_cause(browser, corner):
     assert first["verdict"] == "ambiguous"
 
 
-def test_a_plan_of_an_earlier_diagnosis_is_not_shown(corner, tmp_path):
+def test_a_plan_of_an_earlier_diagnosis_is_not_shown(tmp_path):
     from tiltcal.app.next_recording import _plan
     from tiltcal.app.session import Session
     from tiltcal.app.workspace import Workspace
 
-    shutil.copytree(corner / "diagnosis", tmp_path / "diagnosis")
+    (tmp_path / "diagnosis/next").mkdir(parents=True)
+    (tmp_path / "diagnosis/diagnosis.json").write_text("{}")
+    (tmp_path / "diagnosis/next/next_block.json").write_text('{"block": null}')
     session = Session(Workspace(tmp_path))
     assert _plan(session) is not None
-    (tmp_path / "diagnosis/diagnosis.json").touch()
+    later = (tmp_path / "diagnosis/next/next_block.json").stat().st_mtime_ns + 1_000_000
+    os.utime(tmp_path / "diagnosis/diagnosis.json", ns=(later, later))
     assert _plan(session) is None

@@ -156,6 +156,23 @@ def test_curves_over_time_and_over_turn_rates_are_corrected_in_pieces(tmp_path):
         assert np.abs(left).max() < 1.01 * 0.02 * 0.25 * 0.005
 
 
+@pytest.mark.parametrize(("coordinate", "told"), [("since_move", True), ("time", False)])
+def test_what_follows_past_moves_is_noted(coordinate, told):
+    curve = {"id": "learned", "sensor": "accel", "axis": "x", "coordinate": coordinate}
+    curve |= {"knots": [0.0, 10.0], "coefficients": [0.0, 0.01]}
+    amended = parse_scenario(
+        {"schema": 1, **SETUP.model_dump(mode="json", exclude_none=True), "effect": [curve]}
+    )
+    log = Recording.from_columns(
+        np.arange(9) / 100,
+        {f"accel_{a}_m_s2": np.arange(9.0) for a in "xyz"}
+        | {f"table_{a}_deg": np.zeros(9) for a in ("outer", "inner")},
+    )
+    done = correct_pieces([log], instrument_of(amended), lambda _: None)
+    note = "a curve follows the time since the last move, which no stream tells: corrected as at a"
+    assert done.notes == [f"{note} standstill"] * told
+
+
 def test_reading_and_correcting_tell_the_time_left(log, tmp_path, monkeypatch):
     write_recording(log, path := tmp_path / "log.csv")
     calibration().save(tmp_path / "CAL.json")

@@ -13,6 +13,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt, tilt_of_force
 from tiltcal.core.units import COLUMN_UNITS, DEG
+from tiltcal.effects.curve_coordinates import coordinate_named
+from tiltcal.effects.learned import Learned
 from tiltcal.effects.sense import Sense
 from tiltcal.instrument.temperature import (
     TemperatureCourse,
@@ -30,10 +32,11 @@ from tiltcal.setup.setup import Setup
 @dataclass
 class Corrected:
     """What came of a stream: rows written, readings of each axis left empty because its table does
-    not hold there, and the range of every channel.
+    not hold there, the range of every channel, and curves that follow past moves.
     """
 
     rows: int = 0
+    of_moves: tuple[str, ...] = ()
     beyond: dict[str, int] = field(default_factory=dict)
     range: dict[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -70,6 +73,10 @@ class Corrected:
             f"{n} readings of {key} at placing angles that its table does not hold are left empty"
             for key, n in self.beyond.items()
             if n
+        ]
+        notes += [
+            f"a curve follows {words}, which no stream tells: corrected as at a standstill"
+            for words in self.of_moves
         ]
         dead = [name for name, (low, high) in self.range.items() if low == high]
         if dead and self.rows > 1:
@@ -338,7 +345,10 @@ def correct_pieces(
         TiltcalError: the recording lacks the calibrated sensor.
     """
     setup = setup_of(calibration)
-    done = Corrected()
+    curves = [e for e in calibration.effects if isinstance(e, Learned)]
+    followed = [coordinate_named(e.coordinate) for e in curves]
+    of_moves = dict.fromkeys(one.words for one in followed if one.follows == "move")
+    done = Corrected(of_moves=tuple(of_moves))
     terms = temperature_terms(calibration, setup)
     stream = None if terms is None else ThermalStream(terms)
     for piece, force, around in _with_surroundings(_with_force(pieces, calibration, setup)):

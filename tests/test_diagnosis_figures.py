@@ -12,10 +12,11 @@ from diagnosis_fixtures import NOISE, SENSORS, bench, honest, recorded, rewritte
 from scipy.stats import binom, norm
 from statistics_helpers import FALSE_ALARM
 
+from tiltcal.diagnosis.conclusions.finding import Fitness
 from tiltcal.diagnosis.conclusions.fit_figures import under_fixed_white, white_level
-from tiltcal.diagnosis.conclusions.noise_figures import noise_dependences
+from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport, noise_dependences
 from tiltcal.diagnosis.conclusions.other_findings import nameless_doubts, nameless_findings
-from tiltcal.diagnosis.conclusions.statements import doubted
+from tiltcal.diagnosis.conclusions.statements import doubted, summary
 from tiltcal.diagnosis.data_faults.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.model.finding_tests import NoiseSource
@@ -311,3 +312,17 @@ def test_an_inclinometer_is_diagnosed_through_the_poles_of_its_arcsine(left_out)
     assert (found.verdict == "match") is (left_out is None)
     assert found.after.chi2_per_dof == pytest.approx(1, abs=0.15)
     assert any("so near +-90 deg" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        (2.125, 1.015, "falls from 2.125 to 1.015 of"),
+        (0.97696, 0.97696, "stays at 0.977 of"),
+        (0.9, 0.95, "goes from 0.9 to 0.95 of"),
+    ],
+)
+def test_a_statement_says_whether_chi_square_falls(before, after, words):
+    fits = (Fitness(before), Fitness(after))
+    told = summary((), "explained", "", *fits, NoiseReport("the recording"))
+    assert f"Chi-square per degree of freedom {words} the sensors' white noise" in told

@@ -261,10 +261,10 @@ def summary(
             "The recording agrees with the scenario: nothing is significant beyond its noise"
             f" (taken from {noise.source}). Chi-square per degree of freedom is {left}"
         )
+    first, last = f"{before.chi2_per_dof:.4g}", f"{after.chi2_per_dof:.4g}"
     course = "falls" if (after.chi2_per_dof or 0) < (before.chi2_per_dof or 0) else "goes"
-    first = f"{before.chi2_per_dof:.4g}"
-    fit = f"Chi-square per degree of freedom {course} from {first} to {left}"
-    return f"{told} {fit} {reason}".strip()
+    course = "stays at" if first == last else f"{course} from {first} to"
+    return f"{told} Chi-square per degree of freedom {course} {left} {reason}".strip()
 
 
 def untold(rig: Rig, samples: int, columns: int) -> str:

@@ -413,8 +413,9 @@ def test_only_what_no_curve_over_temperature_does_is_called_late(late, step):
     assert any("warming and cooling differ" in f.statement for f in found) == late
 
 
-def test_a_fog_beside_an_accelerometer_only_is_diagnosed():
-    """No gyro triad tells the rate that the FOG felt: only its rests are known."""
+@pytest.mark.parametrize("beside", ["nothing", "a slower gyro"])
+def test_a_fog_that_no_gyro_follows_has_no_findings(beside):
+    """No gyro triad tells the rate that the FOG felt, or none between its readings."""
     moves = [
         {"action": "move", "up": up, "rate_deg_s": 60.0, "dwell_s": 3.0}
         for up in ("[1, 0.2, 0]", "[0, 1, 0.3]", "[0.5, 0, 1]", "[-1, 0.4, 0.2]", "[0, -1, 0.5]")
@@ -431,8 +432,13 @@ def test_a_fog_beside_an_accelerometer_only_is_diagnosed():
     }
     noise = [
         {"id": "acc_noise", "white_ug_rthz": 30.0},
-        {"id": "gyr_noise", "white_deg_rth": 0.003},
+        {"id": "gyr_noise", "sensor": "fog", "white_deg_rth": 0.003},
     ]
+    if beside == "a slower gyro":
+        adjustable = ["bias", "scale", "cross_axis"]
+        gyro = {"name": "gyro", "kind": "gyro", "rate_hz": 10.0, "adjustable": adjustable}
+        table["sensor"].insert(1, gyro)
+        noise.append({"id": "gyr_noise", "sensor": "gyro", "white_deg_rth": 0.1})
     recording = SimulatedLaboratory().record(parse_scenario(table | {"effect": noise}), 2)
     assert diagnose(parse_scenario(table), [recording]).findings == ()
 

@@ -40,6 +40,7 @@ from tiltcal.laboratory.handheld import (
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.laboratory.smoothing import bridged
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.replay import nearest_rows
 from tiltcal.recordings.static_poses import group_directions
 from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.dwell_noise import robust_white
@@ -91,12 +92,17 @@ def _fog(of: HandheldRecording, fog: Sensor, gyro: Sensor) -> RedundantChannel:
 
     Effects act on the smoothed rate: one that averages would otherwise gain by averaging noise.
     What the smoothing took off is predicted as it was read: the difference of two white noises is
-    white.
+    white. How the body turned between two readings of the triad nobody knows: of a FOG that is read
+    more often, its readings next to these are compared.
     """
     recording = of.recording
     samples = recording.sensor(fog)
     there = rate_known(recording, gyro)[samples.rows] & ~np.isnan(samples.values[:, 0])
-    rows = samples.rows[there]
+    read, rates = np.flatnonzero(there), recording.sensor(gyro)
+    if len(read):
+        known = rates.time[~np.isnan(rates.values).any(axis=1)]
+        read = read[np.unique(nearest_rows(samples.time[read], known))]
+    rows = samples.rows[read]
     noise = bridged(gyro, recording) - of.readings[gyro.name]
     rough = whole(recording, gyro, noise)[rows] @ fog.input_vector
 
@@ -111,7 +117,7 @@ def _fog(of: HandheldRecording, fog: Sensor, gyro: Sensor) -> RedundantChannel:
         return None if change is None else change[rows].T
 
     return RedundantChannel(
-        _channel(of, fog, "a", 0, rows, samples.values[there, 0]), predict, respond
+        _channel(of, fog, "a", 0, rows, samples.values[read, 0]), predict, respond
     )
 
 

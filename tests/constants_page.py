@@ -101,7 +101,13 @@ def _about(node: ast.stmt, after: ast.stmt | None, lines: list[str]) -> str:
 
 def page() -> str:
     """The text of the page."""
-    parts, package, effects = [HEAD], "", known_effects()
+    package, effects = "", known_effects()
+    told = [name for name, e in effects.items() if {e["halved"], e["doubled"]} - {0, "unused"}]
+    which = ", ".join(f"`{name}`" for name in told)
+    parts = [
+        HEAD,
+        f"\nOf {len(effects)} that were measured, {len(told)} change an answer: {which}.\n",
+    ]
     for number in numbers():
         own = str(number.file.relative_to(CODE).parent)
         if own != package:

@@ -14,7 +14,6 @@ from tiltcal.core.units import G0
 from tiltcal.design.recording_blocks import Block, TableLimits, candidates, describe_block
 from tiltcal.diagnosis.investigation.discriminating_blocks import (
     SHORT_LIST,
-    as_a_body,
     blank,
     come_to,
     forecast,
@@ -24,7 +23,7 @@ from tiltcal.diagnosis.investigation.discriminating_blocks import (
     propose,
 )
 from tiltcal.diagnosis.investigation.next_block import Limits, next_block, table_of
-from tiltcal.diagnosis.investigation.rival_hypotheses import Question, questions
+from tiltcal.diagnosis.investigation.rival_hypotheses import Question, as_a_body, questions
 from tiltcal.effects import to_file
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, fresh, parse_scenario

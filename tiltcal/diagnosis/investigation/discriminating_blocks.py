@@ -62,40 +62,11 @@ def imagined(block: Block, scenario: Scenario, question: Question) -> Recording:
             unit = COLUMN_UNITS[split_unit(name)[1] or ""].factor
             white = noise.white * np.sqrt(question.block) / unit
             columns[name] = columns[name] + white * rng.standard_normal(len(recording))
-    temperature = last.temperature()
-    if temperature is not None:
-        course = as_a_body(last.time - last.time[0], temperature)
+    if (course := question.course) is not None:
         columns["temperature_degC"] = course(recording.time - recording.time[0])
     return Recording.from_columns(
         recording.time, columns, metadata=recording.metadata, source="imagined block"
     )
-
-
-TIME_CONSTANTS = np.geomspace(1.0, 1e4, 41)  # s, of bodies on a table; a factor of 1.26 apart
-
-
-def as_a_body(time: Array, temperature: Array) -> Callable[[Array], Array]:
-    """A course of temperature that goes on as a body comes to its room's (Newton's law of cooling),
-    with the time constant that fits best; degC at s.
-
-    Args:
-        time: s, (n,) from 0.
-        temperature: degC, (n,).
-    """
-
-    def basis(tau: float, at: Array) -> Array:
-        return np.column_stack([np.ones_like(at), -np.expm1(-at / tau)])
-
-    fits = [np.linalg.lstsq(basis(tau, time), temperature, rcond=None) for tau in TIME_CONSTANTS]
-    best = min(range(len(fits)), key=lambda k: float(np.sum(fits[k][1])))
-    tau, values = TIME_CONSTANTS[best], fits[best][0]
-    end = temperature[-1] - (basis(tau, time[-1:]) @ values)[0]
-
-    def course(at: Array) -> Array:
-        known = np.interp(at, time, temperature)
-        return np.where(at <= time[-1], known, basis(tau, at) @ values + end)
-
-    return course
 
 
 def last_sides(recording: Recording, scenario: Scenario) -> dict[str, float]:

@@ -5,8 +5,9 @@ Recordings so far with one more beside them: what they changed is worked out onc
 put beside them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -114,6 +115,33 @@ class Rival:
     fitted: FittedModel
 
 
+TIME_CONSTANTS = np.geomspace(1.0, 1e4, 41)  # s, of bodies on a table; a factor of 1.26 apart
+
+
+def as_a_body(time: Array, temperature: Array) -> Callable[[Array], Array]:
+    """A course of temperature that goes on as a body comes to its room's (Newton's law of cooling),
+    with the time constant that fits best; degC at s.
+
+    Args:
+        time: s, (n,) from 0.
+        temperature: degC, (n,).
+    """
+
+    def basis(tau: float, at: Array) -> Array:
+        return np.column_stack([np.ones_like(at), -np.expm1(-at / tau)])
+
+    fits = [np.linalg.lstsq(basis(tau, time), temperature, rcond=None) for tau in TIME_CONSTANTS]
+    best = min(range(len(fits)), key=lambda k: float(np.sum(fits[k][1])))
+    tau, values = TIME_CONSTANTS[best], fits[best][0]
+    end = temperature[-1] - (basis(tau, time[-1:]) @ values)[0]
+
+    def course(at: Array) -> Array:
+        known = np.interp(at, time, temperature)
+        return np.where(at <= time[-1], known, basis(tau, at) @ values + end)
+
+    return course
+
+
 @dataclass(frozen=True)
 class Question:
     """Rivals of one finding, with all that the recordings so far say.
@@ -141,6 +169,15 @@ class Question:
     noise: Mapping[tuple[str, str], NoiseModel]
     block: int
     kept: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def course(self) -> Callable[[Array], Array] | None:
+        """Temperature, degC, at times, s, since the start of a further recording: as in the last
+        one, and on as a body's; None where it was not recorded.
+        """
+        last = self.observations.recordings[-1]
+        temperature = last.temperature()
+        return None if temperature is None else as_a_body(last.time - last.time[0], temperature)
 
     def joined(self, more: Recording) -> Joined:
         """The recordings so far with this one."""

@@ -234,7 +234,7 @@ def test_a_wrong_key_or_value_is_named_with_its_path_and_the_nearest_valid_one(
         ),
         (
             "[[effect]]\nid = 'data_sign'\nflip_x_unitless = 0.7",
-            r"key flip_x_unitless: found 0.7, need a whole number; round it",
+            r"key flip_x_unitless: found 0.7, need 0 or 1; write 1 where it applies",
         ),
         ("[[effect]]\nid = 'acc_warmup'\nwarmup_x_ug = 9\ntau_s = 0", r"key tau_s"),
         (

@@ -12,15 +12,15 @@ LARGEST = 1e30  # of a size: its powers are still numbers
 
 def check_allowed(parameter: Parameter, number: float, value: Any, subject: str) -> None:
     """Widths, deviations and times are not negative; what divides (it has a default, and counts
-    nothing) is not zero; what comes in ones is whole.
+    nothing) is not zero; a switch is 0 or 1.
 
     Raises:
         TiltcalError: the number is not allowed.
     """
     if parameter.positive and number < 0:
         raise TiltcalError(subject, found=f"{value}", need="a value >= 0", do="correct its sign")
-    if parameter.whole and not number.is_integer():
-        raise TiltcalError(subject, found=f"{value}", need="a whole number", do="round it")
+    if parameter.switch and number not in (0, 1):
+        raise TiltcalError(subject, found=f"{value}", need="0 or 1", do="write 1 where it applies")
     divides = parameter.positive and parameter.default and not parameter.whole
     if divides and number == 0:
         raise TiltcalError(

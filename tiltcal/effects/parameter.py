@@ -49,6 +49,7 @@ class Parameter:
         shape: whether it states when, how fast or how wide and not how much; so does everything
             with a default.
         whole: whether it counts what comes in ones.
+        switch: whether it is 0 or 1.
         bounded: whether a shape beyond those that the effect offers for a recording would make
             another functional form of it.
         tables: names of the tables that have it; empty: any.
@@ -63,6 +64,7 @@ class Parameter:
     default: float = 0.0
     shape: bool = False
     whole: bool = False
+    switch: bool = False
     bounded: bool = False
     tables: frozenset[str] = frozenset()
     restates: bool = False

@@ -49,7 +49,7 @@ class DataSign(ColumnFault):
     id = "data_sign"
     order = 97
     title = "sign flipped"
-    parameters = (Parameter("flip_{axis}", "unitless", (1, 1, 1), positive=True, whole=True),)
+    parameters = (Parameter("flip_{axis}", "unitless", (1, 1, 1), positive=True, switch=True),)
     physics = "One axis is counted the other way."
     equation = "reading_i *= 1 - 2 flip_i, flip 0 or 1"
     source = "Physics: Timing and data"
@@ -71,7 +71,7 @@ class DataAxisSwap(ColumnFault):
     order = 98
     title = "axes permuted"
     parameters = tuple(
-        Parameter(f"swap_{pair}", "unitless", (1, 1, 1), positive=True, whole=True)
+        Parameter(f"swap_{pair}", "unitless", (1, 1, 1), positive=True, switch=True)
         for pair in ("xy", "yz", "zx")
     )
     physics = "Two columns are exchanged."

@@ -172,8 +172,8 @@ class Question:
 
     @cached_property
     def course(self) -> Callable[[Array], Array] | None:
-        """Temperature, degC, at times, s, since the start of a further recording: as in the last
-        one, and on as a body's; None where it was not recorded.
+        """Temperature, degC, (n,), at times since the start of a further recording, s, (n,): as in
+        the last one, and on as a body's; None where it was not recorded.
         """
         last = self.observations.recordings[-1]
         temperature = last.temperature()

@@ -33,7 +33,7 @@ def is_setting(parameter: Parameter) -> bool:
 
 def words(cls: type[Effect], axes: tuple[str, ...], size: float, part: int) -> dict[str, float]:
     """Its parameters as a scenario writes them, ``size`` times the plausible one, no two parameters
-    alike but for switches, which are on.
+    alike but for switches, which are on at any size but none.
     """
     table: dict[str, float] = {}
     for parameter in cls.parameters:
@@ -44,7 +44,7 @@ def words(cls: type[Effect], axes: tuple[str, ...], size: float, part: int) -> d
                 share = 1 - 0.13 * (len(table) % 5)
                 value = size * share * SMALL.get(name, parameter.plausible[part])
             if parameter.switch:
-                value = 1.0
+                value = float(size != 0)
             table[name + parameter.suffix] = value
     return table
 

@@ -28,6 +28,7 @@ NULLS = ["--n", "3", "--kinds", "six_faces", "--types", "null", "--authors", "fi
 RESULT = {
     "lambda": 300.0,
     "verdicts": ["ambiguous", "explained"],
+    "forecasts": [[0.8, True]],
     "classes": [["e0"]],
     "said": "",
     "ambiguous": True,
@@ -141,3 +142,15 @@ def test_an_interrupt_ends_the_diagnoser_with_the_trials(here):
         assert process.wait(20) == 143
     with pytest.raises(ProcessLookupError):
         os.kill(int((here / "pid").read_text()), 0)
+
+
+def test_the_loop_scores_what_was_stated_of_its_blocks():
+    """Two forecasts by hand: 0.6, which did not come true, and 0.8, which did."""
+    verdicts = ["ambiguous", "ambiguous", "explained", "explained"]
+    blocks = [{"confidence": 0.6}, {"confidence": 0.8}, {"confidence": 0.0}]
+    told = loop.forecasts(verdicts, blocks)
+    assert told == [(0.6, False), (0.8, True)]
+    shown = loop.show([{**RESULT, "kind": "placing_sweep", "truth": "e0", "right": True}])
+    assert "stated 80 %, came true 100 % of 1, Brier score 0.04" in shown
+    two = {**RESULT, "kind": "placing_sweep", "truth": "e0", "right": True, "forecasts": told}
+    assert "stated 70 %, came true 50 % of 2, Brier score 0.20" in loop.show([two])

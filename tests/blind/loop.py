@@ -88,20 +88,26 @@ def judged(out: Path, truth: str) -> Plain:
     ]
     right = {truth}.union(*(t for t in TWINS if truth in t))
     last = answers[-1] if answers else {"verdict": None, "findings": []}
-    state = out / "investigation.json"
+    state, verdicts = out / "investigation.json", [a["verdict"] for a in answers]
+    told = json.loads(state.read_text(encoding="utf-8")) if state.exists() else {}
     return {
-        "verdicts": [a["verdict"] for a in answers],
+        "verdicts": verdicts,
+        "forecasts": forecasts(verdicts, told.get("blocks", [])),
         "classes": [[f["class"] for f in a["findings"]] for a in answers],
         "ambiguous": bool(answers) and answers[0]["verdict"] == "ambiguous",
         "held": bool(answers) and any(right & set(f["class"]) for f in answers[0]["findings"]),
         "explained": last["verdict"] == "explained",
         "right": bool(last["findings"]) and all(f["effect"] in right for f in last["findings"]),
-        "minutes": (
-            json.loads(state.read_text(encoding="utf-8"))["table_minutes"]
-            if state.exists()
-            else 0.0
-        ),
+        "minutes": told.get("table_minutes", 0.0),
     }
+
+
+def forecasts(verdicts: Sequence[str], blocks: Sequence[Plain]) -> list[tuple[float, bool]]:
+    """Of each block that was to separate something: the probability that the verdict then is
+    `explained`, and whether it was.
+    """
+    steps = zip(blocks, verdicts, verdicts[1:], strict=False)
+    return [(b["confidence"], v == "explained") for b, was, v in steps if was == "ambiguous"]
 
 
 def show(results: Sequence[Plain]) -> str:
@@ -134,6 +140,14 @@ def show(results: Sequence[Plain]) -> str:
         lines.append(
             "24 positions twice                           "
             f" {', '.join(f'{k} {scheme_minutes(k):.1f} min' for k in KINDS)}"
+        )
+    told = np.array([f for r in results for f in r["forecasts"]], float).reshape(-1, 2)
+    if len(told):
+        stated, came = told.mean(axis=0)
+        brier = float(np.mean((told[:, 0] - told[:, 1]) ** 2))
+        lines.append(
+            f"blocks that were to end in explained         stated {100 * stated:.0f} %,"
+            f" came true {100 * came:.0f} % of {len(told)}, Brier score {brier:.2f}"
         )
     for r in asked:
         if not (r["explained"] and r["right"]):
